@@ -1,0 +1,2 @@
+//! `tracer`: bakes scenes to wavelet radiance and renders them from it.
+fn main() {}

@@ -1,0 +1,148 @@
+//! A scene as plain data, whatever file it came from.
+//!
+//! World space is right-handed, in metres, +Y up. Colours and radiances are
+//! linear Rec. 709; radiance is in W m⁻² sr⁻¹.
+
+use glam::{DAffine3, DVec3, Vec2, Vec3};
+
+/// Everything a file says about what there is to see.
+#[derive(Debug, Default)]
+pub(crate) struct Scene {
+    /// One per node and primitive, in the file's order.
+    pub(crate) meshes: Vec<Mesh>,
+    pub(crate) materials: Vec<Material>,
+    pub(crate) textures: Vec<Texture>,
+    pub(crate) cameras: Vec<Camera>,
+    pub(crate) lights: Vec<PunctualLight>,
+    pub(crate) animations: Vec<Animation>,
+    /// Radiance of the ambient term, the same from everywhere.
+    pub(crate) ambient: Vec3,
+}
+
+/// Triangles of one material, in world space.
+#[derive(Debug, Default)]
+pub(crate) struct Mesh {
+    /// The node's name; what a `.wct` patch is bound by.
+    pub(crate) name: String,
+    pub(crate) positions: Vec<DVec3>,
+    /// Unit shading normals, one a vertex; empty for flat shading.
+    pub(crate) normals: Vec<Vec3>,
+    /// Texture coordinates, one a vertex; empty if there are none.
+    pub(crate) uvs: Vec<Vec2>,
+    /// Counter-clockwise seen from the front.
+    pub(crate) triangles: Vec<[u32; 3]>,
+    /// Index into [`Scene::materials`].
+    pub(crate) material: usize,
+    /// Marked `receiver` in the file.
+    pub(crate) receiver: bool,
+    /// Local to world, for directions authored in local coordinates.
+    pub(crate) transform: DAffine3,
+}
+
+/// Phong reflection, mirror and emission of a surface.
+#[derive(Clone, Debug)]
+pub(crate) struct Material {
+    pub(crate) name: String,
+    /// Diffuse reflectance k_d, multiplied by `base_texture`.
+    pub(crate) kd: Vec3,
+    /// Specular reflectance k_s.
+    pub(crate) ks: Vec3,
+    /// Phong exponent n ≥ 0.
+    pub(crate) exponent: f32,
+    pub(crate) base_texture: Option<usize>,
+    /// Radiance emitted at the lobe's peak, multiplied by `emission_texture`.
+    pub(crate) emission: Vec3,
+    pub(crate) emission_texture: Option<usize>,
+    /// `None`: Lambertian.
+    pub(crate) lobe: Option<Lobe>,
+    /// Fraction of the light at normal incidence that passes, 0 for opaque.
+    pub(crate) transmission: f32,
+    pub(crate) ior: f32,
+    /// Reflects as a perfect mirror, times k_s.
+    pub(crate) mirror: bool,
+    pub(crate) double_sided: bool,
+}
+
+impl Default for Material {
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            kd: Vec3::splat(0.5),
+            ks: Vec3::ZERO,
+            exponent: 0.0,
+            base_texture: None,
+            emission: Vec3::ZERO,
+            emission_texture: None,
+            lobe: None,
+            transmission: 0.0,
+            ior: 1.5,
+            mirror: false,
+            double_sided: false,
+        }
+    }
+}
+
+/// A cosⁿ emission lobe about a direction.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Lobe {
+    /// n: radiance ∝ max(0, μ·peak)ⁿ for light that travels along μ.
+    pub(crate) exponent: f64,
+    /// Unit direction of travel at the peak, in the mesh's local coordinates.
+    pub(crate) peak: DVec3,
+}
+
+/// Linear RGB texels, row 0 at v = 0 (glTF's top).
+#[derive(Clone, Debug)]
+pub(crate) struct Texture {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) texels: Vec<Vec3>,
+}
+
+/// A perspective pinhole; looks along −z of `transform`, +y up.
+#[derive(Clone, Debug)]
+pub(crate) struct Camera {
+    /// Its node's name.
+    pub(crate) name: String,
+    /// Camera to world, without scale.
+    pub(crate) transform: DAffine3,
+    /// Vertical field of view, radians.
+    pub(crate) yfov: f64,
+    /// Width over height that the author had in mind.
+    pub(crate) aspect: Option<f64>,
+}
+
+/// KHR_lights_punctual.
+#[derive(Clone, Debug)]
+pub(crate) struct PunctualLight {
+    /// Colour times intensity: W sr⁻¹ (point, spot) or W m⁻² (directional).
+    pub(crate) intensity: Vec3,
+    pub(crate) position: DVec3,
+    /// Direction the light travels in (spot, directional).
+    pub(crate) direction: DVec3,
+    pub(crate) kind: LightKind,
+    /// No light past this distance.
+    pub(crate) range: Option<f64>,
+}
+
+/// Which law a [`PunctualLight`] follows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum LightKind {
+    Point,
+    Directional,
+    /// Half angles, radians.
+    Spot { inner: f64, outer: f64 },
+}
+
+/// Key frames of one camera.
+#[derive(Clone, Debug)]
+pub(crate) struct Animation {
+    pub(crate) name: String,
+    /// Index into [`Scene::cameras`].
+    pub(crate) camera: usize,
+    /// Seconds.
+    pub(crate) duration: f64,
+    /// The camera's transform, sampled finely enough to interpolate linearly:
+    /// pairs of (seconds, camera to world), increasing in time.
+    pub(crate) keys: Vec<(f64, DAffine3)>,
+}
