@@ -236,7 +236,14 @@ fn bilinear_inverse(corners: &[DVec2; 4], point: DVec2) -> DVec2 {
     let k1 = e.perp_dot(f) + h.perp_dot(g);
     let k0 = h.perp_dot(e);
     let root = (k1 * k1 - 4.0 * k0 * k2).max(0.0).sqrt();
-    let v = if k1 > 0.0 { -2.0 * k0 / (k1 + root) } else { (root - k1) / (2.0 * k2) };
+    let v = if corners[2] == corners[3] {
+        // A triangle: the other root is 1, and the square root would cancel.
+        k0 / k2
+    } else if k1 > 0.0 {
+        -2.0 * k0 / (k1 + root)
+    } else {
+        (root - k1) / (2.0 * k2)
+    };
     let v = if v.is_finite() { v } else { 0.0 };
     let (along, rest) = (e + v * g, h - v * f);
     let u = if along.x.abs() > along.y.abs() { rest.x / along.x } else { rest.y / along.y };

@@ -7,6 +7,7 @@ mod haar;
 mod index;
 mod nusselt;
 mod polygon;
+pub mod transport;
 
 pub use chart::Chart;
 pub use convex::ConvexPolygon;

@@ -224,7 +224,7 @@ fn flatten(vertices: &[DVec3]) -> Result<(Frame, Vec<DVec2>)> {
     let edge = unit[1];
     let n = normal.normalize_or_zero();
     let x = (edge - edge.dot(n) * n).normalize_or_zero();
-    if n == DVec3::ZERO || x == DVec3::ZERO || !(normal.length() > 1e-14) {
+    if n == DVec3::ZERO || x == DVec3::ZERO || normal.length() <= 1e-14 {
         return Err(Error::ZeroArea);
     }
     let frame = Frame { origin, x, y: n.cross(x), n };

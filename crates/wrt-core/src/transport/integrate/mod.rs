@@ -1,0 +1,23 @@
+//! Integrators of a transport coefficient (`tc_integrate`, §7.1.4.2, §7.2.4.2).
+
+use super::Pair;
+
+/// What an integrator says of one coefficient.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Integral {
+    /// T_jk.
+    pub value: f64,
+    /// Estimated absolute error of `value`.
+    pub error: f64,
+    /// How many times the integrand was evaluated.
+    pub evaluations: u64,
+}
+
+/// A way to compute T_jk for pure smoothing functions j and k.
+pub trait Integrator: Sync + std::fmt::Debug {
+    /// What it is called in reports: method, dimensions, samples.
+    fn name(&self) -> String;
+
+    /// T_jk of this pair of cells.
+    fn integrate(&self, pair: &Pair<'_>) -> Integral;
+}

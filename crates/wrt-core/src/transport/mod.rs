@@ -1,0 +1,9 @@
+//! Transport of radiance from one polygon to another (§6.3, §7.1, §7.2).
+
+mod geometry;
+mod integrate;
+mod pair;
+
+pub use geometry::TransportGeometry;
+pub use integrate::{Integral, Integrator};
+pub use pair::{Pair, Support};
