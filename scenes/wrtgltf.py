@@ -80,10 +80,10 @@ class Mesh:
             self.add(p, n, t, tri)
 
     def strip(self, a, b, na, nb=None, scale=0.5):
-        """A smooth strip between two rows of points, with given normals.
-
-        Front side: a[0], a[1], b[1] counter-clockwise."""
+        """A smooth strip between two rows of points; the given normals say
+        which side is its front."""
         a, b = np.asarray(a, float), np.asarray(b, float)
+        na = np.asarray(na, float)
         nb = na if nb is None else nb
         run = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(a, axis=0), axis=1))])
         w = np.linalg.norm(b - a, axis=1)
@@ -93,8 +93,9 @@ class Mesh:
         for k in range(m - 1):
             for f in ((k, k + 1, m + k + 1), (k, m + k + 1, m + k)):
                 q = [(a if j < m else b)[j % m] for j in f]
-                if np.linalg.norm(np.cross(q[1] - q[0], q[2] - q[0])) > 1e-12:
-                    tri.append(f)
+                face = np.cross(q[1] - q[0], q[2] - q[0])
+                if np.linalg.norm(face) > 1e-9:
+                    tri.append(f if face @ (na[k] + na[k + 1]) > 0 else f[::-1])
         self.add(list(a) + list(b), [unit(v) for v in na] + [unit(v) for v in nb], t, tri)
 
     def moved(self, by, turn=0.0):

@@ -20,18 +20,23 @@ GLASS_Z, END, BACK = -2.2, -2.0, 6.5  # glass, inner faces of the end walls
 AISLE, INNER, OUTER = 3.4, 2.2, 2.6   # half widths: room, arcade wall's faces
 CAPITAL, EAVE, RIDGE = 1.95, 3.3, 5.0
 PILLAR_Z = (END + (BACK - END) / 3, END + (BACK - END) * 2 / 3)
-STRENGTH = 16.0
-AMBIENT = [0.055, 0.055, 0.065]
+STRENGTH = 22.0
+AMBIENT = [0.08, 0.08, 0.09]
 
 
-def pointed(half, rise, steps=10):
+def pointed(half, rise, steps=14):
     """Points (x, y) of a pointed arch from (-half, 0) over (0, rise), and the
-    normals that point inwards (down)."""
-    r = (half * half + rise * rise) / (2 * half)  # centres on the springing line
-    top = np.arcsin(min(1, rise / r))
-    a = np.linspace(0, top, steps + 1)
-    left = np.stack([r - half - r * np.cos(a), r * np.sin(a)], 1)
-    ln = np.stack([np.cos(a), -np.sin(a)], 1)
+    normals that point inwards (down): two halves, from left to right.
+
+    Two circles of a lancet 1.3 times as high as half its width, stretched."""
+    high = 1.3 * half
+    r = (half * half + high * high) / (2 * half)  # centres on the springing line
+    a = np.linspace(0, np.arcsin(high / r), steps + 1)
+    f = rise / high
+    left = np.stack([r - half - r * np.cos(a), f * r * np.sin(a)], 1)
+    ln = np.stack([np.cos(a), -np.sin(a) / f], 1)
+    ln /= np.linalg.norm(ln, axis=1, keepdims=True)
+    left[-1, 0] = 0
     return (left, ln), (left[::-1] * [-1, 1], ln[::-1] * [-1, 1])
 
 
@@ -45,6 +50,10 @@ def arch(mesh, half, rise, place, depth, thick):
     toward = np.array(place(0, 0, 1)) - origin
     for pts, nrm in pointed(half, rise):
         out = pts - nrm * thick
+        if pts[0][0] < 0:  # mitre the two halves at the ridge
+            out[-1] = [0, pts[-1][1] + thick / -nrm[-1][1]]
+        else:
+            out[0] = [0, pts[0][1] + thick / -nrm[0][1]]
         f = lambda q, d: [place(x, y, d) for x, y in q]
         down = [vec(v) for v in nrm]
         mesh.strip(f(pts, depth), f(pts, 0), down)
@@ -96,7 +105,7 @@ def ceiling():
     m = Mesh()
     for s in (-1, 1):
         m.polygon([(s * OUTER, EAVE, END), (s * AISLE, EAVE, END), (s * AISLE, EAVE, BACK), (s * OUTER, EAVE, BACK)][::s])
-    for pts, nrm in pointed(INNER, RIDGE - EAVE, 12):
+    for pts, nrm in pointed(INNER, RIDGE - EAVE):
         row = lambda z: [(x, EAVE + y, z) for x, y in pts]
         m.strip(row(BACK), row(END), [(x, y, 0) for x, y in nrm])
     return m
@@ -144,7 +153,7 @@ def trim():
     for s in (-1, 1):  # corbels below the hood's feet, a string course at the eaves
         lo, hi = sorted((s * 1.08, s * 1.24))
         m.box((lo, SILL + WINDOW + 0.02, END), (hi, SILL + WINDOW + 0.16, END + 0.11), skip="-z")
-        lo, hi = sorted((s * INNER, s * (INNER - 0.06)))
+        lo, hi = sorted((s * INNER, s * (INNER - 0.12)))
         m.box((lo, EAVE - 0.12, END), (hi, EAVE, BACK), skip="-z +z " + ("-x" if s < 0 else "+x"))
     return m
 
@@ -156,7 +165,7 @@ def pillar():
     torus = [(0.235 + 0.045 * np.cos(t), 0.165 + 0.045 * np.sin(t)) for t in a]
     bell = [(0.185 + 0.085 * t ** 2.2, 1.62 + 0.2 * t) for t in np.linspace(0, 1, 7)]
     ring = [(0.18 + 0.03 * np.cos(t), 1.585 + 0.03 * np.sin(t)) for t in a]
-    prof = [(0.235, 0.12), *torus, (0.215, 0.22), (0.19, 0.27), (0.172, 1.555), *ring, *bell, (0.27, 1.84)]
+    prof = [*torus, (0.215, 0.22), (0.19, 0.27), (0.172, 1.555), *ring, *bell, (0.27, 1.84)]
     m.lathe(prof, 32)
     m.box((-0.29, 1.84, -0.29), (0.29, 1.95, 0.29))
     return m
@@ -222,6 +231,32 @@ def sphere(r=0.24, y=0.3):
     return m
 
 
+def corona():
+    """A ring of candles hanging from the vault, about the origin."""
+    m = Mesh()
+    a = np.linspace(0, 2 * np.pi, 9)
+    m.lathe([(0.42 + 0.018 * np.cos(t), 0.018 * np.sin(t)) for t in a], 40, crease=1)
+    for k in range(3):
+        bar = Mesh()
+        bar.box((-0.42, -0.008, -0.008), (0.42, 0.008, 0.008))
+        m.join(bar.moved((0, 0, 0), np.pi * k / 3))
+    for k in range(6):
+        cup = Mesh()
+        cup.lathe([(0, 0.0), (0.03, 0.02), (0.04, 0.05), (0.025, 0.045), (0, 0.045)], 12)
+        m.join(cup.moved((0.42 * np.sin(np.pi * k / 3 + .3), 0.01, 0.42 * np.cos(np.pi * k / 3 + .3))))
+    m.lathe([(0, -0.04), (0.03, -0.015), (0.03, 0.02), (0.008, 0.04), (0.008, RIDGE - 3.05)], 12)
+    return m
+
+
+def corona_candles():
+    m = Mesh()
+    for k in range(6):
+        c = Mesh()
+        c.lathe([(0.017, 0.055), (0.017, 0.19), (0, 0.195)], 10)
+        m.join(c.moved((0.42 * np.sin(np.pi * k / 3 + .3), 0.0, 0.42 * np.cos(np.pi * k / 3 + .3))))
+    return m
+
+
 def phong(kd, ks, n):
     return {"wrt": {"phong": {"kd": kd, "ks": ks, "n": n}}}
 
@@ -243,7 +278,7 @@ def build():
         return g.put("materials", {"name": name, "pbrMetallicRoughness": pbr, "extras": phong(kd, ks, n), **more})
 
     light, wall_t, flag_t, wood_t = (g.texture(f) for f in ("window.png", "wall.png", "flags.png", "wood.png"))
-    diffuse = material("tile_diffuse", [0.68, 0.64, 0.56], [0.1, 0.1, 0.1], 8)
+    diffuse = material("tile_diffuse", [0.78, 0.73, 0.64], [0.1, 0.1, 0.1], 8)
     specular = material("tile_specular", [0.1, 0.1, 0.12], [0.6, 0.6, 0.6], 40, metallic=0.9, base=[0.62, 0.62, 0.64])
     masonry = material("masonry", [0.78, 0.74, 0.68], [0.02, 0.02, 0.02], 6, wall_t)
     plaster = material("plaster", [0.62, 0.6, 0.57], [0.0, 0.0, 0.0], 4, wall_t)
@@ -252,7 +287,7 @@ def build():
     oak = material("oak", [0.36, 0.24, 0.15], [0.06, 0.06, 0.06], 20, wood_t)
     brass = material("brass", [0.2, 0.13, 0.045], [0.62, 0.44, 0.18], 60, metallic=1.0, base=[0.78, 0.56, 0.24])
     marble = material("marble", [0.68, 0.67, 0.66], [0.14, 0.14, 0.14], 50)
-    bronze = material("bronze", [0.12, 0.09, 0.06], [0.5, 0.38, 0.25], 90, metallic=1.0, base=[0.6, 0.45, 0.3])
+    bronze = material("bronze", [0.2, 0.32, 0.27], [0.4, 0.38, 0.3], 60, metallic=0.6, base=[0.4, 0.45, 0.36])
     wax = material("wax", [0.8, 0.74, 0.6], [0.04, 0.04, 0.04], 10)
     strength = lambda v: {"KHR_materials_emissive_strength": {"emissiveStrength": v}}
     g.extension("KHR_materials_emissive_strength")
@@ -296,25 +331,31 @@ def build():
     index = pillar()
     for k, (s, z) in enumerate([(s, z) for z in PILLAR_Z for s in (-1, 1)]):
         index = thing(f"pillar_{k}", index, dressed, (s * (INNER + OUTER) / 2, 0, z))
-    thing("font", font(), dressed, (-1.5, 0, 2.55))
+    thing("font", font(), dressed, (-1.32, 0, 2.6))
     thing("urn", urn(), marble, (2.75, 0, -0.6))
-    thing("sphere", sphere(), bronze, (1.55, 0, 2.45))
+    thing("sphere", sphere(), bronze, (1.5, 0, 2.4))
     index = pew()
     for k, (x, z, turn) in enumerate([(-1.25, 4.45, 0), (1.25, 4.45, 0), (-3.05, 0.0, np.pi / 2 * 3), (3.05, 2.25, np.pi / 2)]):
         index = thing(f"pew_{k}", index, oak, (x, 0, z), turn)
     stick, wick, fl = candlestick(), candle(), flame()
     g.extension("KHR_lights_punctual")
     g.doc["extensions"] = {"KHR_lights_punctual": {"lights": [
-        {"name": "candle", "type": "point", "color": [1.0, 0.62, 0.28], "intensity": 0.3}]}}
+        {"name": "candle", "type": "point", "color": [1.0, 0.62, 0.28], "intensity": 0.4},
+        {"name": "corona", "type": "point", "color": [1.0, 0.78, 0.52], "intensity": 2.0}]}}
     for k, x in enumerate((-2.28, 2.28)):
         stick = thing(f"candlestick_{k}", stick, brass, (x, 0, -1.5))
         wick = thing(f"candle_{k}", wick, wax, (x, 0, -1.5))
         fl = thing(f"flame_{k}", fl, fire, (x, 0, -1.5))
         g.node(f"candle_light_{k}", translation=[x, 1.56, -1.5], extensions={"KHR_lights_punctual": {"light": 0}})
 
-    g.camera("nave", (0.95, 1.62, 5.9), (-0.05, 1.3, -2.0), 46)
-    g.camera("window", (0.0, 1.75, 1.6), (0.0, 1.98, -2.2), 38)
-    g.camera("low", (-0.75, 0.42, 2.35), (0.1, 0.75, -2.0), 55)
+    at = (0, 3.05, 4.2)
+    thing("corona", corona(), brass, at)
+    thing("corona_candles", corona_candles(), wax, at)
+    g.node("corona_light", translation=[0.0, 2.9, 4.2], extensions={"KHR_lights_punctual": {"light": 1}})
+
+    g.camera("nave", (0.42, 2.25, 6.2), (-0.02, 1.06, -2.0), 46)
+    g.camera("window", (0.0, 2.35, 1.5), (0.0, 2.02, -2.2), 40)
+    g.camera("low", (-0.72, 0.6, 1.85), (0.05, 0.82, -2.0), 58)
     g.camera("top", (0.0, 4.6, 0.5), (0.0, 0.0, 0.0), 60)
     flight(g)
     g.save(os.path.join(HERE, "chapel.gltf"), "chapel.bin")
