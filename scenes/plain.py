@@ -12,7 +12,9 @@ HERE = os.path.dirname(os.path.abspath(__file__))
 EMITTER = [(-0.5, 0.25, -1.25), (0.5, 0.25, -1.25), (0.5, 1.25, -1.25), (-0.5, 1.25, -1.25)]
 FLOOR = [(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)]
 RADIANCE = [6.0, 5.0, 3.0]
-KD, KS, N = [0.5, 0.5, 0.55], [0.2, 0.2, 0.2], 30
+BASE, ROUGHNESS = [0.5, 0.5, 0.55], 0.5
+# the same by the mapping rules: kd = base * (1 - 0.04), n = 2 / 0.5^4 - 2
+KD, KS, N = [0.48, 0.48, 0.528], [0.04, 0.04, 0.04], 30
 
 
 def polygon(points):
@@ -34,7 +36,7 @@ def quad_gltf():
     g = Gltf("quad")
     light = emitter(g, [v / max(RADIANCE) for v in RADIANCE], max(RADIANCE))
     floor = g.put("materials", {"name": "floor", "pbrMetallicRoughness": {
-        "baseColorFactor": [*KD, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.5}})
+        "baseColorFactor": [*BASE, 1.0], "metallicFactor": 0.0, "roughnessFactor": ROUGHNESS}})
     g.node("emitter", mesh=g.mesh("emitter", polygon(EMITTER), light))
     g.node("floor", mesh=g.mesh("floor", polygon(FLOOR), floor))
     g.camera("camera", (1.6, 1.5, 2.8), (0, 0.35, -0.3), 45)
