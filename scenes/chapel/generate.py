@@ -65,7 +65,7 @@ def arch(mesh, half, rise, place, depth, thick):
 def end_wall(m):
     h, top = WINDOW / 2, SILL + WINDOW
     # splayed reveal: the opening is wider at the wall's face, most at the sill
-    a, b, c = h + 0.12, SILL - 0.36, top + 0.08
+    a, b, c = h + 0.25, SILL - 0.5, top + 0.08
     for pts in ([(-AISLE, 0), (AISLE, 0), (AISLE, b), (-AISLE, b)],
                 [(-AISLE, b), (-a, b), (-a, c), (-AISLE, c)],
                 [(a, b), (AISLE, b), (AISLE, c), (a, c)],
@@ -143,15 +143,15 @@ def trim():
     m = Mesh()
     for z in PILLAR_Z:
         arch(m, INNER - 0.1, RIDGE - EAVE - 0.1, lambda x, y, d: (x, EAVE + y, z - 0.1 + d), 0.2, 0.1)
-    arch(m, 1.1, 1.15, lambda x, y, d: (x, SILL + WINDOW + 0.16 + y, END + d), 0.09, 0.12)
-    a, b, c = WINDOW / 2 + 0.12, SILL - 0.36, SILL + WINDOW + 0.08
+    arch(m, 1.22, 1.2, lambda x, y, d: (x, SILL + WINDOW + 0.16 + y, END + d), 0.09, 0.12)
+    a, b, c = WINDOW / 2 + 0.25, SILL - 0.5, SILL + WINDOW + 0.08
     w, d = 0.1, 0.05
     m.box((-a - w, b, END), (-a, c, END + d), skip="-z")
     m.box((a, b, END), (a + w, c, END + d), skip="-z")
     m.box((-a - w, c, END), (a + w, c + w, END + d), skip="-z")
-    m.box((-a - w - 0.06, b - 0.1, END), (a + w + 0.06, b, END + 0.1), skip="-z")
+    m.box((-a - w - 0.06, b - 0.1, END), (a + w + 0.06, b, END + d), skip="-z")
     for s in (-1, 1):  # corbels below the hood's feet, a string course at the eaves
-        lo, hi = sorted((s * 1.08, s * 1.24))
+        lo, hi = sorted((s * 1.2, s * 1.36))
         m.box((lo, SILL + WINDOW + 0.02, END), (hi, SILL + WINDOW + 0.16, END + 0.11), skip="-z")
         lo, hi = sorted((s * INNER, s * (INNER - 0.12)))
         m.box((lo, EAVE - 0.12, END), (hi, EAVE, BACK), skip="-z +z " + ("-x" if s < 0 else "+x"))
@@ -366,7 +366,7 @@ def flight(g):
     """Ten seconds once round the floor, back to the start."""
     stops = [((0.95, 1.62, 5.4), (0, 1.25, -2)), ((1.75, 1.4, 3.3), (-0.2, 0.8, -1.2)), ((1.8, 1.1, 0.9), (-0.5, 0.5, -1.0)),
              ((1.55, 1.5, -1.2), (-0.9, 0.1, 0.6)), ((0.0, 2.0, -1.55), (0.0, 0.0, 1.2)), ((-1.55, 1.6, -1.1), (0.9, 0.1, 0.4)),
-             ((-1.75, 1.0, 0.8), (0.5, 0.6, -1.3)), ((-1.15, 0.75, 2.3), (0.1, 1.0, -2)), ((-0.3, 1.2, 4.0), (0, 1.3, -2)),
+             ((-1.75, 1.0, 0.8), (0.5, 0.6, -1.3)), ((-0.6, 0.8, 2.4), (0.1, 0.95, -2)), ((0.0, 1.3, 4.1), (0, 1.2, -2)),
              ((0.95, 1.62, 5.4), (0, 1.25, -2))]
     key = np.array([np.concatenate(s) for s in stops], float)
     n = len(key)
