@@ -8,5 +8,5 @@ mod resample;
 
 pub use block::{BlockOptions, Source, transport_block};
 pub use geometry::TransportGeometry;
-pub use integrate::{Integral, Integrator};
+pub use integrate::{Exact, Integral, Integrator};
 pub use pair::{Pair, Support};

@@ -1,5 +1,10 @@
 //! Integrators of a transport coefficient (`tc_integrate`, §7.1.4.2, §7.2.4.2).
 
+mod events;
+mod exact;
+
+pub use exact::Exact;
+
 use super::Pair;
 
 /// What an integrator says of one coefficient.
