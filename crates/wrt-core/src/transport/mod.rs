@@ -3,10 +3,14 @@
 mod block;
 mod geometry;
 mod integrate;
+mod oracle;
 mod pair;
+mod recursion;
 mod resample;
 
 pub use block::{BlockOptions, Source, transport_block};
 pub use geometry::TransportGeometry;
 pub use integrate::{Exact, Integral, Integrator};
+pub use oracle::{Verdict, oracle};
 pub use pair::{Pair, Support};
+pub use recursion::{Counts, RecursionOptions, transport_coefficient, transport_tree};
