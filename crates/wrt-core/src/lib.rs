@@ -8,6 +8,7 @@ mod haar;
 mod index;
 mod nusselt;
 mod polygon;
+mod sampler;
 pub mod transport;
 mod tree;
 
@@ -19,4 +20,5 @@ pub use haar::{CHILDREN, pull, push};
 pub use index::{Cell, Levels, WaveletIndex, children};
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
+pub use sampler::Sampler;
 pub use tree::{Compression, Keep, Node, Tree, TreeBuilder};
