@@ -11,6 +11,7 @@ mod polygon;
 mod sampler;
 pub mod transport;
 mod tree;
+pub mod wct_file;
 
 pub use chart::Chart;
 pub use convex::ConvexPolygon;
@@ -22,3 +23,4 @@ pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
 pub use sampler::Sampler;
 pub use tree::{Compression, Keep, Node, Tree, TreeBuilder};
+pub use wct_file::{Patch, PatchGeometry, WctFile};
