@@ -11,8 +11,10 @@ mod index;
 mod interaction;
 mod nusselt;
 mod polygon;
+mod sampler;
 pub mod transport;
 mod tree;
+pub mod wct_file;
 
 pub use chart::Chart;
 pub use convex::ConvexPolygon;
@@ -25,4 +27,6 @@ pub use index::{Cell, Levels, WaveletIndex, children};
 pub use interaction::{LobeMatrix, Phong, reflect};
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
+pub use sampler::Sampler;
 pub use tree::{Compression, Keep, Node, Tree, TreeBuilder};
+pub use wct_file::{Patch, PatchGeometry, WctFile};

@@ -1,0 +1,249 @@
+//! The continuous look-up.
+
+use super::{Below, Sampler, rim};
+use crate::Levels;
+use crate::grid::Rgb;
+
+/// Cells `low` and `high` of a dimension and the latter's share.
+#[derive(Clone, Copy)]
+struct Axis {
+    low: u32,
+    high: u32,
+    share: f32,
+}
+
+impl Axis {
+    /// The cells whose centres are on either side of `x`; past the outermost
+    /// centres the one cell twice.
+    fn new(x: f64, level: u8) -> Self {
+        let last = (1_u32 << level) - 1;
+        let at = (x * f64::from(last + 1) - 0.5).clamp(0.0, f64::from(last));
+        let low = (at as u32).min(last.saturating_sub(1));
+        Self { low, high: (low + 1).min(last), share: (at - f64::from(low)) as f32 }
+    }
+}
+
+/// The interpolation of one look-up.
+///
+/// A *state* names the low or the high cell of a dimension, or both while they
+/// have not yet parted: a pair of masks with a bit per dimension, `both` and
+/// `high`, the latter 0 where the former is 1.
+struct Stencil {
+    /// Codes of the cell that is low, or high, in all dimensions.
+    low: u64,
+    high: u64,
+    /// Per position dimension: low, high, both.
+    position: [[f32; 3]; 2],
+    /// Likewise for λ and then κ, divided by what lies inside the UDC.
+    direction: [[f32; 3]; 3],
+}
+
+impl Stencil {
+    fn weight(&self, both: usize, high: usize) -> f32 {
+        let state = |d: usize| if both >> d & 1 == 1 { 2 } else { high >> d & 1 };
+        self.position[0][state(0)] * self.position[1][state(1)] * self.direction[state(3)][state(2)]
+    }
+}
+
+impl Sampler {
+    /// Radiance at (u, v, κ, λ), interpolated between the centres of the sixteen
+    /// finest cells around: continuous. Coordinates past 0 or 1 count as 0 or 1.
+    #[must_use]
+    pub fn multilinear(&self, q: [f64; 4]) -> Rgb {
+        let stencil = self.stencil(q);
+        let mut sum = [0.0; 3];
+        let all = 0b1111;
+        if self.nodes.is_empty() {
+            self.add(0, stencil.weight(all, 0), &mut sum);
+        } else {
+            let shift = 4 * u32::from(self.levels.depth());
+            self.gather(&stencil, 0, shift, all, 0, &mut sum);
+        }
+        sum
+    }
+
+    fn stencil(&self, q: [f64; 4]) -> Stencil {
+        let Levels { position, direction } = self.levels;
+        let [u, v] = [q[0], q[1]].map(|x| Axis::new(x, position));
+        let (kappa, lambda) = rim::inside([q[2], q[3]]);
+        let [k, l] = [kappa, lambda].map(|x| Axis::new(x, direction));
+        let mut table = [[0.0_f32; 3]; 3];
+        let mut total = 0.0;
+        for (i, (cell_l, share_l)) in
+            [(l.low, 1.0 - l.share), (l.high, l.share)].into_iter().enumerate()
+        {
+            for (j, (cell_k, share_k)) in
+                [(k.low, 1.0 - k.share), (k.high, k.share)].into_iter().enumerate()
+            {
+                let inverse = self.rim.inverse([cell_k, cell_l]);
+                let share = share_k * share_l;
+                total += if inverse > 0.0 { share } else { 0.0 };
+                table[i][j] = share * inverse;
+            }
+        }
+        let (k, l) = if total > 0.0 {
+            table.iter_mut().flatten().for_each(|w| *w /= total);
+            (k, l)
+        } else {
+            let cell = [kappa, lambda].map(|x| super::cell_of(x, direction));
+            let (cell, inverse) = self.rim.nearest(cell);
+            table[0][0] = inverse;
+            (
+                Axis { low: cell[0], high: cell[0], share: 0.0 },
+                Axis { low: cell[1], high: cell[1], share: 0.0 },
+            )
+        };
+        for row in &mut table {
+            row[2] = row[0] + row[1];
+        }
+        table[2] = std::array::from_fn(|j| table[0][j] + table[1][j]);
+        Stencil {
+            low: self.code([u.low, v.low, k.low, l.low]),
+            high: self.code([u.high, v.high, k.high, l.high]),
+            position: [u, v].map(|axis| [1.0 - axis.share, axis.share, 1.0]),
+            direction: table,
+        }
+    }
+
+    /// Adds what the cells of a state contribute below `node`, reading each leaf
+    /// once.
+    fn gather(
+        &self,
+        stencil: &Stencil,
+        node: usize,
+        shift: u32,
+        both: usize,
+        high: usize,
+        sum: &mut [f32; 3],
+    ) {
+        let shift = shift - 4;
+        let low_half = (stencil.low >> shift & 15) as usize;
+        let high_half = (stencil.high >> shift & 15) as usize;
+        // Dimensions whose two cells part here.
+        let part = both & (low_half ^ high_half);
+        let both = both & !part;
+        // All subsets of `part`, from none to itself.
+        let mut chosen = 0;
+        loop {
+            let high = high | chosen;
+            let weight = stencil.weight(both, high);
+            if weight != 0.0 {
+                let m_prime = low_half & !high | high_half & high;
+                match self.nodes[node].below(m_prime) {
+                    Below::Leaf(leaf) => self.add(leaf, weight, sum),
+                    Below::Branch(child) => self.gather(stencil, child, shift, both, high, sum),
+                }
+            }
+            if chosen == part {
+                return;
+            }
+            chosen = chosen.wrapping_sub(part) & part;
+        }
+    }
+
+    fn add(&self, leaf: usize, weight: f32, sum: &mut [f32; 3]) {
+        for (sum, x) in sum.iter_mut().zip(self.leaves[leaf]) {
+            *sum += weight * x;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{grid, levels, point, sampler, wild};
+    use super::*;
+    use crate::{Keep, TreeBuilder};
+    use proptest::prelude::*;
+
+    /// Sixteen look-ups, one per cell, weighted as the type's documentation says.
+    fn sixteen_boxes(sampler: &Sampler, q: [f64; 4]) -> [f64; 3] {
+        let levels = sampler.levels;
+        let level = [levels.position, levels.position, levels.direction, levels.direction];
+        let cell = |d: usize, high: usize| -> (u32, f64) {
+            let last = (1_i64 << level[d]) - 1;
+            let at = q[d] * (last + 1) as f64 - 0.5;
+            let share = at - at.floor();
+            let m = (at.floor() as i64 + high as i64).clamp(0, last);
+            (m as u32, if high == 1 { share } else { 1.0 - share })
+        };
+        let (mut sum, mut total) = ([0.0; 3], 0.0);
+        for corner in 0..16_usize {
+            let cells: [_; 4] = std::array::from_fn(|d| cell(d, corner >> d & 1));
+            let m = cells.map(|c| c.0);
+            let inverse = f64::from(sampler.rim.inverse([m[2], m[3]]));
+            if inverse == 0.0 {
+                continue;
+            }
+            let weight: f64 = cells.iter().map(|c| c.1).product();
+            total += weight;
+            let mean = sampler.leaves[sampler.leaf(sampler.code(m))];
+            for (sum, x) in sum.iter_mut().zip(mean) {
+                *sum += weight * inverse * f64::from(x);
+            }
+        }
+        if total > 0.0 { sum.map(|x| x / total) } else { sampler.box_value(q).map(f64::from) }
+    }
+
+    proptest! {
+        #[test]
+        fn one_descent_equals_sixteen(levels in levels(), q in point(), kept in 0.0..1.0f64) {
+            let tree = TreeBuilder::from_grid(&grid(levels, wild)).finish();
+            let count = (kept * tree.len() as f64) as usize;
+            let sampler = Sampler::new(&tree.compressed(Keep::Count(count)).0);
+            let slow = sixteen_boxes(&sampler, q);
+            for (a, b) in sampler.multilinear(q).into_iter().zip(slow) {
+                prop_assert!((f64::from(a) - b).abs() < 1e-4, "{a} {b}");
+            }
+        }
+
+        #[test]
+        fn linear_radiance_is_reproduced(q in [0.13..0.87f64, 0.13..0.87, 0.25..0.75, 0.25..0.75]) {
+            let plane = |[u, v, k, l]: [f64; 4]| [1.0 + u - 2.0 * v, 3.0 * k + l, u + l];
+            let levels = Levels { position: 2, direction: 4 };
+            let found = sampler(levels, plane).multilinear(q);
+            for (a, b) in found.into_iter().zip(plane(q)) {
+                prop_assert!((f64::from(a) - b).abs() < 1e-5, "{a} {b}");
+            }
+        }
+
+        #[test]
+        fn a_small_step_makes_a_small_change(
+            direction in 0..5_u8, q in point(), step in [-1e-6..1e-6f64, -1e-6..1e-6, -1e-6..1e-6, -1e-6..1e-6],
+        ) {
+            let levels = Levels { position: 3, direction };
+            let sampler = sampler(levels, wild);
+            let next: [f64; 4] = std::array::from_fn(|d| q[d] + step[d]);
+            for (a, b) in sampler.multilinear(q).into_iter().zip(sampler.multilinear(next)) {
+                // At most the range (8 here with 1/f) per cell width in each of
+                // four dimensions, over the least weight that counts at the rim.
+                prop_assert!((a - b).abs() < 1e-6 * 4.0 * 16.0 * 8.0 / 0.1, "{a} {b}");
+            }
+        }
+    }
+
+    /// What continuity at the rim rests on: the cells that count never fade out.
+    #[test]
+    fn inside_the_udc_cells_that_count_have_weight() {
+        let mut least = 1.0_f64;
+        for level in 0..=8 {
+            let rim = rim::Rim::new(level);
+            for i in 0..20_000 {
+                let phi = f64::from(i) * 0.000_314_159_3;
+                for r in [0.5, 0.499, 0.49, 0.45] {
+                    let axis = |x: f64| Axis::new(0.5 + r * x, level);
+                    let (k, l) = (axis(phi.cos()), axis(phi.sin()));
+                    let mut total = 0.0;
+                    for (cell_l, share_l) in [(l.low, 1.0 - l.share), (l.high, l.share)] {
+                        for (cell_k, share_k) in [(k.low, 1.0 - k.share), (k.high, k.share)] {
+                            if rim.inverse([cell_k, cell_l]) > 0.0 {
+                                total += share_k * share_l;
+                            }
+                        }
+                    }
+                    least = least.min(total.into());
+                }
+            }
+        }
+        assert!(least > 0.1, "{least}");
+    }
+}
