@@ -5,6 +5,7 @@ mod convex;
 mod error;
 mod haar;
 mod index;
+pub mod metrics;
 mod nusselt;
 mod polygon;
 pub mod transport;

@@ -5,5 +5,8 @@ mod integrate;
 mod pair;
 
 pub use geometry::TransportGeometry;
-pub use integrate::{Integral, Integrator};
+pub use integrate::{
+    Degree, Dimensions, Integral, Integrator, Method, MonteCarlo, QuasiRandom, Romberg, Sequence,
+    Trapezoidal,
+};
 pub use pair::{Pair, Support};
