@@ -9,6 +9,7 @@ pub mod grid;
 mod haar;
 mod index;
 mod interaction;
+pub mod metrics;
 mod nusselt;
 mod polygon;
 mod sampler;

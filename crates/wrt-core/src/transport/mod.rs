@@ -10,7 +10,10 @@ mod resample;
 
 pub use block::{BlockOptions, Source, transport_block};
 pub use geometry::TransportGeometry;
-pub use integrate::{Exact, Integral, Integrator};
+pub use integrate::{
+    Degree, Dimensions, Exact, Integral, Integrator, Method, MonteCarlo, QuasiRandom, Romberg,
+    Sequence, Trapezoidal,
+};
 pub use oracle::{Verdict, oracle};
 pub use pair::{Pair, Support};
 pub use recursion::{Counts, RecursionOptions, transport_coefficient, transport_tree};

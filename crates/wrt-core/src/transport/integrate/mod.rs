@@ -2,10 +2,25 @@
 
 mod events;
 mod exact;
-
-pub use exact::Exact;
+#[cfg(test)]
+mod facts;
+mod method;
+mod monte_carlo;
+mod quasi_random;
+mod romberg;
+mod sampling;
+mod trapezoidal;
+mod visible;
 
 use super::Pair;
+
+pub use exact::Exact;
+pub use method::Method;
+pub use monte_carlo::MonteCarlo;
+pub use quasi_random::{QuasiRandom, Sequence};
+pub use romberg::{Degree, Romberg};
+pub use sampling::Dimensions;
+pub use trapezoidal::Trapezoidal;
 
 /// What an integrator says of one coefficient.
 #[derive(Clone, Copy, Debug, PartialEq)]
