@@ -24,6 +24,11 @@ pub(crate) struct Phong {
 }
 
 impl Phong {
+    /// Whether nothing is reflected, so that no light need be looked for.
+    pub(crate) fn is_black(&self) -> bool {
+        self.kd == Vec3::ZERO && self.ks == Vec3::ZERO
+    }
+
     /// f_r in sr⁻¹ for unit vectors that point away from the surface.
     pub(crate) fn reflectance(&self, normal: DVec3, to_light: DVec3, to_eye: DVec3) -> Vec3 {
         let diffuse = self.kd * PI.recip() as f32;
@@ -106,6 +111,9 @@ impl<'a> Surface<'a> {
     /// Radiance reflected to the eye from `light`, shadows included. Counts the
     /// rays it casts into `rays`.
     pub(crate) fn lit_by(&self, light: &PunctualLight, accel: &Accel, rays: &mut u64) -> Vec3 {
+        if self.brdf.is_black() {
+            return Vec3::ZERO;
+        }
         let Some((to_light, distance, irradiance)) = arriving(light, self.position) else {
             return Vec3::ZERO;
         };

@@ -103,6 +103,9 @@ impl Whitted<'_> {
         if let Some(outgoing) = patch {
             return radiance + outgoing;
         }
+        if surface.brdf.is_black() {
+            return radiance;
+        }
         for (i, emitter) in self.emitters.iter().enumerate() {
             // Another place on each emitter and at each depth.
             let step = i as f64 + f64::from(depth) * self.emitters.len() as f64;
