@@ -3,6 +3,14 @@
 //! World space is right-handed, in metres, +Y up. Colours and radiances are
 //! linear Rec. 709; radiance is in W m⁻² sr⁻¹.
 
+mod extras;
+mod gltf;
+mod load;
+mod obj;
+mod texture;
+
+pub(crate) use load::{Loaded, load};
+
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 /// Everything a file says about what there is to see.
@@ -131,7 +139,10 @@ pub(crate) enum LightKind {
     Point,
     Directional,
     /// Half angles, radians.
-    Spot { inner: f64, outer: f64 },
+    Spot {
+        inner: f64,
+        outer: f64,
+    },
 }
 
 /// Key frames of one camera.
