@@ -7,6 +7,7 @@ mod extras;
 mod gltf;
 mod load;
 mod obj;
+pub(crate) mod surfaces;
 mod texture;
 
 pub(crate) use load::{Loaded, load};
