@@ -4,6 +4,7 @@
 //! linear Rec. 709; radiance is in W m⁻² sr⁻¹.
 
 mod extras;
+pub(crate) mod flight;
 mod gltf;
 mod load;
 mod obj;
@@ -158,3 +159,6 @@ pub(crate) struct Animation {
     /// pairs of (seconds, camera to world), increasing in time.
     pub(crate) keys: Vec<(f64, DAffine3)>,
 }
+
+#[cfg(test)]
+mod tests;
