@@ -144,8 +144,6 @@ impl<'a> Data<'a> {
     fn check(self, description: &Description) -> Result<()> {
         let len = self.bytes.len() as u64;
         let mut sections: Vec<(String, &Section)> = description.sections().collect();
-        sections.sort_by_key(|(_, section)| (section.offset, section.nbytes));
-        let mut end = 0;
         for (path, section) in &sections {
             let Section { offset, nbytes, .. } = **section;
             if !offset.is_multiple_of(ALIGN as u64) {
@@ -154,18 +152,23 @@ impl<'a> Data<'a> {
             if offset > len {
                 return Err(bad(&format!("{path}.offset"), offset, &format!("at most {len}")));
             }
-            if offset < end {
-                let allowed = format!("at least {end}, where another section ends");
-                return Err(bad(&format!("{path}.offset"), offset, &allowed));
-            }
             if nbytes > len - offset {
                 let allowed = format!("at most {}, the rest of the file", len - offset);
                 return Err(bad(&format!("{path}.nbytes"), nbytes, &allowed));
             }
-            self.check_zero(end, offset)?;
-            end = offset + nbytes;
+        }
+        sections.sort_by_key(|(_, section)| (section.offset, section.nbytes));
+        let mut end = 0;
+        for (path, section) in &sections {
+            if section.offset < end {
+                let allowed = format!("at least {end}, where another section ends");
+                return Err(bad(&format!("{path}.offset"), section.offset, &allowed));
+            }
+            self.check_zero(end, section.offset)?;
+            end = section.offset + section.nbytes;
             if crc32fast::hash(self.slice(section)) != section.crc32 {
-                return Err(Error::Checksum { what: path.clone(), offset: self.start + offset });
+                let offset = self.start + section.offset;
+                return Err(Error::Checksum { what: path.clone(), offset });
             }
         }
         self.check_zero(end, len)
