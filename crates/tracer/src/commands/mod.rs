@@ -1,8 +1,9 @@
 //! One file per subcommand: open, call, report. The only files that print.
 
 pub(crate) mod bake;
-pub(crate) mod inspect;
+pub(crate) mod fly;
 pub(crate) mod render;
+mod view;
 
 use crate::scene::{self, Scene};
 use anyhow::Context as _;
@@ -20,8 +21,10 @@ fn load(path: &Path) -> anyhow::Result<Scene> {
 
 /// A progress bar on stderr, silent where that is no terminal.
 fn bar(length: u64, what: &'static str, unit: &str) -> ProgressBar {
-    let template = format!("{{msg:>9}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{eta}} left");
-    let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    let template =
+        format!("{{msg:>9}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{eta}} left");
+    let style =
+        ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(length).with_style(style).with_message(what)
 }
 
