@@ -52,6 +52,24 @@ pub enum Error {
         /// Which chart.
         chart: &'static str,
     },
+    /// A name that no integration method has.
+    #[error("{found:?} is no integration method: {known}")]
+    UnknownMethod {
+        /// What was asked for.
+        found: String,
+        /// What there is.
+        known: &'static str,
+    },
+    /// A sample count that an integration method cannot use.
+    #[error("{found} samples, but {method} takes {allowed}")]
+    SampleCount {
+        /// Which method.
+        method: &'static str,
+        /// The count.
+        found: u64,
+        /// Counts it takes.
+        allowed: &'static str,
+    },
     /// The first eight bytes are not the magic of `.wct`.
     #[error("not a .wct file: it starts with {found:02x?}")]
     NotWct {

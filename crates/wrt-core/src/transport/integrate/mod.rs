@@ -1,6 +1,26 @@
 //! Integrators of a transport coefficient (`tc_integrate`, §7.1.4.2, §7.2.4.2).
 
+mod events;
+mod exact;
+#[cfg(test)]
+mod facts;
+mod method;
+mod monte_carlo;
+mod quasi_random;
+mod romberg;
+mod sampling;
+mod trapezoidal;
+mod visible;
+
 use super::Pair;
+
+pub use exact::Exact;
+pub use method::Method;
+pub use monte_carlo::MonteCarlo;
+pub use quasi_random::{QuasiRandom, Sequence};
+pub use romberg::{Degree, Romberg};
+pub use sampling::Dimensions;
+pub use trapezoidal::Trapezoidal;
 
 /// What an integrator says of one coefficient.
 #[derive(Clone, Copy, Debug, PartialEq)]
