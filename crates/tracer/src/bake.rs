@@ -307,9 +307,8 @@ fn emitters(scene: &Scene, options: &BakeOptions) -> anyhow::Result<Vec<Emitter>
                 Lobe::Cosine { exponent: lobe.exponent, peak: polygon.frame().to_local(peak) }
             }
         };
-        let picture = |level| {
-            Emission::new(level, picture(scene, planar, material, &polygon, level), lobe)
-        };
+        let picture =
+            |level| Emission::new(level, picture(scene, planar, material, &polygon, level), lobe);
         let emission = picture(options.emission_level);
         let fine = picture(options.emission_level + 1);
         Ok(Emitter { polygon, emission, fine })
@@ -367,8 +366,7 @@ fn texture_map(planar: &PlanarPolygon, polygon: &Polygon) -> Option<DMat3> {
             DMat3::from_cols(p.extend(1.0), q.extend(1.0), r.extend(1.0))
         };
         let from = columns(a.0, b.0, c.0);
-        (from.determinant().abs() > 1e-12)
-            .then(|| columns(a.1, b.1, c.1) * from.inverse())
+        (from.determinant().abs() > 1e-12).then(|| columns(a.1, b.1, c.1) * from.inverse())
     })
 }
 
@@ -382,8 +380,8 @@ fn texel(texture: &Texture, uv: DVec2) -> Vec3 {
 fn contains(outline: &[DVec2], p: DVec2) -> bool {
     (0..outline.len()).fold(false, |inside, i| {
         let (a, b) = (outline[i], outline[(i + 1) % outline.len()]);
-        let crosses = (a.y > p.y) != (b.y > p.y)
-            && p.x < (b.x - a.x) * (p.y - a.y) / (b.y - a.y) + a.x;
+        let crosses =
+            (a.y > p.y) != (b.y > p.y) && p.x < (b.x - a.x) * (p.y - a.y) / (b.y - a.y) + a.x;
         inside != crosses
     })
 }

@@ -37,7 +37,9 @@ impl WctTexture {
         for patch in patches.iter().filter(|patch| patch.side == Side::Outgoing) {
             let name = &patch.name;
             let Some(planar) = polygons.iter().find(|planar| planar.name == *name) else {
-                bail!("the scene has no planar surface named \"{name}\", which the .wct file has a patch for: was it baked from another scene?");
+                bail!(
+                    "the scene has no planar surface named \"{name}\", which the .wct file has a patch for: was it baked from another scene?"
+                );
             };
             let polygon = patch.polygon.to_polygon()?;
             let extent = polygon.size().unwrap_or_default().length();
@@ -45,7 +47,9 @@ impl WctTexture {
             let pairs = planar.vertices.iter().zip(&patch.polygon.vertices);
             let distance = pairs.map(off).fold(0.0, f64::max);
             if planar.vertices.len() != patch.polygon.vertices.len() || distance > 1e-5 * extent {
-                bail!("the patch \"{name}\" lies elsewhere than the scene's surface of that name: bake the scene again");
+                bail!(
+                    "the patch \"{name}\" lies elsewhere than the scene's surface of that name: bake the scene again"
+                );
             }
             let Some(size) = polygon.size() else {
                 bail!("the patch \"{name}\" is on a chart that this renderer cannot look up");

@@ -20,8 +20,10 @@ fn load(path: &Path) -> anyhow::Result<Scene> {
 
 /// A progress bar on stderr, silent where that is no terminal.
 fn bar(length: u64, what: &'static str, unit: &str) -> ProgressBar {
-    let template = format!("{{msg:>9}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{eta}} left");
-    let style = ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    let template =
+        format!("{{msg:>9}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{eta}} left");
+    let style =
+        ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(length).with_style(style).with_message(what)
 }
 
