@@ -399,13 +399,14 @@ fn receivers(scene: &Scene, warnings: &mut Vec<String>) -> anyhow::Result<Vec<Re
         let material = &scene.materials[scene.meshes[planar.mesh].material];
         if material.base_texture.is_some() {
             warnings.push(format!(
-                "receiver \"{}\": its base-colour texture is not baked, only its factor",
-                planar.name
+                "receiver \"{}\": the base-colour texture of material \"{}\" is not baked, only its factor",
+                planar.name, material.name
             ));
         }
         let phong = Phong {
             kd: material.kd.as_dvec3().to_array(),
-            ks: material.ks.as_dvec3().to_array(),
+            // A mirror's k_s is the raytracer's recursive ray, not the patch's.
+            ks: if material.mirror { [0.0; 3] } else { material.ks.as_dvec3().to_array() },
             exponent: f64::from(material.exponent),
         };
         Ok(Receiver { planar, polygon, phong })

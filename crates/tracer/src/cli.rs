@@ -21,6 +21,8 @@ pub(crate) enum Command {
     Bake(Bake),
     /// Render a picture of a scene, sampling a .wct file.
     Render(Render),
+    /// Render the pictures of a camera's flight.
+    Fly(Fly),
 }
 
 #[derive(Debug, ClapArgs)]
@@ -102,11 +104,6 @@ pub(crate) struct Render {
     /// Scene to render: .gltf, .glb or .obj.
     pub(crate) scene: PathBuf,
 
-    /// Radiance made by `tracer bake` from the same scene. Without it the scene
-    /// is baked in memory first.
-    #[arg(long, value_name = "FILE")]
-    pub(crate) wct: Option<PathBuf>,
-
     /// Camera to look through, by name; the file's first if not given.
     #[arg(long, value_name = "NAME")]
     pub(crate) camera: Option<String>,
@@ -115,9 +112,51 @@ pub(crate) struct Render {
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: PathBuf,
 
-    /// Width and height in pixels.
-    #[arg(long, value_name = "WxH", default_value = "960x720", value_parser = size)]
-    pub(crate) size: (usize, usize),
+    #[command(flatten)]
+    pub(crate) view: View,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Fly {
+    /// Scene to fly through: .gltf, .glb or .obj.
+    pub(crate) scene: PathBuf,
+
+    /// Animation to follow, by name; the file's first if not given.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) animation: Option<String>,
+
+    /// Pictures a second.
+    #[arg(long, default_value_t = 24.0, value_parser = rate)]
+    pub(crate) fps: f64,
+
+    /// First picture, from 0.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(crate) start: usize,
+
+    /// Last picture; that of the animation's end if not given.
+    #[arg(long, value_name = "N")]
+    pub(crate) end: Option<usize>,
+
+    /// Pictures to write, with one row of # for the number, such as
+    /// frame.####.png. Those that exist already are skipped.
+    #[arg(short, long, value_name = "FILE")]
+    pub(crate) output: String,
+
+    #[command(flatten)]
+    pub(crate) view: View,
+}
+
+/// How a picture is made, whatever it is of.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct View {
+    /// Radiance made by `tracer bake` from the same scene. Without it the scene
+    /// is baked in memory first.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) wct: Option<PathBuf>,
+
+    /// Width and height in pixels; 960 wide and of the camera's shape if not given.
+    #[arg(long, value_name = "WxH", value_parser = size)]
+    pub(crate) size: Option<(usize, usize)>,
 
     /// Camera rays per pixel.
     #[arg(long, visible_alias = "spp", value_name = "N", default_value_t = 16,
@@ -141,11 +180,6 @@ pub(crate) struct Render {
     #[arg(long, value_name = "N", default_value_t = 4,
           value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(crate) emitter_grid: u32,
-
-    /// Level of the bake in memory, where there is no --wct.
-    #[arg(long, value_name = "L", default_value_t = 5,
-          value_parser = clap::value_parser!(u8).range(..=7), conflicts_with = "wct")]
-    pub(crate) level: u8,
 
     /// Threads to use; 0 is one per core. The picture does not depend on it.
     #[arg(short, long, value_name = "N", default_value_t = 0)]
@@ -171,6 +205,13 @@ fn fraction(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(x) if (0.0..1.0).contains(&x) => Ok(x),
         _ => Err("must be a number from 0 to below 1".to_owned()),
+    }
+}
+
+fn rate(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(x) if 0.0 < x && x <= 1e6 => Ok(x),
+        _ => Err("must be a positive number of pictures a second".to_owned()),
     }
 }
 

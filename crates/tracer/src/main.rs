@@ -31,5 +31,6 @@ fn run(args: &cli::Args) -> anyhow::Result<()> {
     match &args.command {
         cli::Command::Bake(args) => commands::bake::run(args),
         cli::Command::Render(args) => commands::render::run(args),
+        cli::Command::Fly(args) => commands::fly::run(args),
     }
 }

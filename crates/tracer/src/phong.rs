@@ -6,16 +6,9 @@ use crate::{
     scene::{LightKind, Material, PunctualLight, Scene, Texture},
 };
 use glam::{DVec3, Vec2, Vec3};
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::FRAC_1_PI;
 
-/// The BRDF of this project, per channel:
-///
-/// ```text
-/// f_r = k_d/π + k_s (n+2)/(2π) max(0, R·V)ⁿ
-/// ```
-///
-/// R is the mirror direction of the light's, V points to the eye. The same
-/// definition is baked into wavelets.
+/// [`wrt_core::Phong`] in single precision, about a normal in the world.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Phong {
     pub(crate) kd: Vec3,
@@ -31,17 +24,12 @@ impl Phong {
 
     /// f_r in sr⁻¹ for unit vectors that point away from the surface.
     pub(crate) fn reflectance(&self, normal: DVec3, to_light: DVec3, to_eye: DVec3) -> Vec3 {
-        let diffuse = self.kd * PI.recip() as f32;
+        let diffuse = self.kd * FRAC_1_PI as f32;
         if self.ks == Vec3::ZERO {
             return diffuse;
         }
         let mirrored = 2.0 * normal.dot(to_light) * normal - to_light;
-        let cosine = mirrored.dot(to_eye);
-        if cosine <= 0.0 {
-            return diffuse;
-        }
-        let lobe = (self.exponent + 2.0) / TAU * cosine.powf(self.exponent);
-        diffuse + self.ks * lobe as f32
+        diffuse + self.ks * wrt_core::phong_lobe(self.exponent, mirrored.dot(to_eye)) as f32
     }
 }
 
@@ -132,9 +120,9 @@ impl<'a> Surface<'a> {
         reflectance * irradiance * (visible * cosine as f32)
     }
 
-    /// (k_d + k_s) times the ambient radiance.
+    /// k_d times the ambient radiance: the classical ambient term.
     pub(crate) fn ambient(&self, radiance: Vec3) -> Vec3 {
-        (self.brdf.kd + self.brdf.ks) * radiance
+        self.brdf.kd * radiance
     }
 }
 
@@ -191,6 +179,7 @@ pub(crate) fn bilinear(texture: &Texture, uv: Vec2) -> Vec3 {
 mod tests {
     use super::*;
     use crate::scene::Mesh;
+    use std::f64::consts::{PI, TAU};
 
     /// A square of side 200 m in the plane y = 0 that faces up.
     fn ground(material: Material) -> Scene {

@@ -25,7 +25,7 @@ pub use gather::gather;
 pub use grid::{Grid, Rgb};
 pub use haar::{CHILDREN, pull, push};
 pub use index::{Cell, Levels, WaveletIndex, children};
-pub use interaction::{LobeMatrix, Phong, reflect};
+pub use interaction::{LobeMatrix, Phong, phong_lobe, reflect};
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
 pub use sampler::Sampler;

@@ -1,8 +1,9 @@
 //! One file per subcommand: open, call, report. The only files that print.
 
 pub(crate) mod bake;
-pub(crate) mod inspect;
+pub(crate) mod fly;
 pub(crate) mod render;
+mod view;
 
 use crate::scene::{self, Scene};
 use anyhow::Context as _;

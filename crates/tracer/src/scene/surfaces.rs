@@ -39,6 +39,7 @@ impl PlanarPolygon {
     }
 
     /// Square metres.
+    #[cfg(test)]
     pub(crate) fn area(&self) -> f64 {
         0.5 * self.area_vector().length()
     }

@@ -4,7 +4,7 @@ mod operator;
 mod phong;
 
 pub use operator::LobeMatrix;
-pub use phong::Phong;
+pub use phong::{Phong, phong_lobe};
 
 use crate::Levels;
 use crate::grid::{Grid, Rgb, udc_fractions};
