@@ -53,7 +53,7 @@ fn points() -> [(&'static str, Vec<[f64; 4]>); 2] {
     let scattered = (0..LOOKUPS).map(|_| anywhere()).collect();
     // 64 × 64 pixels of a floor seen from 1 m above its far edge.
     let pixel = |i: usize| {
-        let (u, v) = ((i % 64) as f64 / 64.0, (i / 64) as f64 / 64.0);
+        let (u, v) = (((i % 64) as f64 + 0.3) / 64.0, ((i / 64) as f64 + 0.6) / 64.0);
         let eye = [0.5 - u, 1.3 - v, 1.0_f64];
         let length = eye.iter().map(|x| x * x).sum::<f64>().sqrt();
         [u, v, 0.5 + 0.5 * eye[0] / length, 0.5 + 0.5 * eye[1] / length]

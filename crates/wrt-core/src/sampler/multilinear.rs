@@ -42,16 +42,34 @@ struct Stencil {
     /// Codes of the cell that is low, or high, in all dimensions.
     low: u64,
     high: u64,
-    /// Per position dimension: low, high, both.
-    position: [[f32; 3]; 2],
-    /// Likewise for λ and then κ, divided by what lies inside the UDC.
-    direction: [[f32; 3]; 3],
+    /// Of u and v, by [`pair`].
+    position: [f32; 16],
+    /// Of κ and λ, by [`pair`], divided by what lies inside the UDC.
+    direction: [f32; 16],
+}
+
+/// Where the weight of two dimensions' state is kept: their bits of `both`, then
+/// of `high`.
+fn pair(both: usize, high: usize) -> usize {
+    (both & 3) << 2 | high & 3
+}
+
+/// The weights of two dimensions in every state, from those of the four pairs of
+/// cells; the first dimension has bit 0.
+fn pairs(cells: [f32; 4]) -> [f32; 16] {
+    let mut table = [0.0; 16];
+    table[..4].copy_from_slice(&cells);
+    table[pair(0b01, 0b00)] = cells[0b00] + cells[0b01];
+    table[pair(0b01, 0b10)] = cells[0b10] + cells[0b11];
+    table[pair(0b10, 0b00)] = cells[0b00] + cells[0b10];
+    table[pair(0b10, 0b01)] = cells[0b01] + cells[0b11];
+    table[pair(0b11, 0b00)] = table[pair(0b01, 0b00)] + table[pair(0b01, 0b10)];
+    table
 }
 
 impl Stencil {
     fn weight(&self, both: usize, high: usize) -> f32 {
-        let state = |d: usize| if both >> d & 1 == 1 { 2 } else { high >> d & 1 };
-        self.position[0][state(0)] * self.position[1][state(1)] * self.direction[state(3)][state(2)]
+        self.position[pair(both, high)] * self.direction[pair(both >> 2, high >> 2)]
     }
 }
 
@@ -81,41 +99,30 @@ impl Sampler {
         let [u, v] = [q[0], q[1]].map(|x| Axis::new(x, position, POSITION_BEYOND));
         let (kappa, lambda) = rim::inside([q[2], q[3]]);
         let [k, l] = [kappa, lambda].map(|x| Axis::new(x, direction, DIRECTION_BEYOND));
-        let mut table = [[0.0_f32; 3]; 3];
-        let mut total = 0.0;
-        for (i, (cell_l, share_l)) in
-            [(l.low, 1.0 - l.share), (l.high, l.share)].into_iter().enumerate()
-        {
-            for (j, (cell_k, share_k)) in
-                [(k.low, 1.0 - k.share), (k.high, k.share)].into_iter().enumerate()
-            {
-                let inverse = self.rim.inverse([cell_k, cell_l]);
-                let share = share_k * share_l;
-                total += if inverse > 0.0 { share } else { 0.0 };
-                table[i][j] = share * inverse;
+        let shares = |a: Axis, b: Axis| -> [f32; 4] {
+            let (a, b) = ([1.0 - a.share, a.share], [1.0 - b.share, b.share]);
+            [a[0] * b[0], a[1] * b[0], a[0] * b[1], a[1] * b[1]]
+        };
+        let cells = [[k.low, l.low], [k.high, l.low], [k.low, l.high], [k.high, l.high]];
+        let inverse = cells.map(|cell| self.rim.inverse(cell));
+        let mut weights = shares(k, l);
+        let counted = weights.iter().zip(inverse).filter(|(_, inverse)| *inverse > 0.0);
+        let total: f32 = counted.map(|(weight, _)| weight).sum();
+        let mut ends = [[k.low, l.low], [k.high, l.high]];
+        if total > 0.0 {
+            for (weight, inverse) in weights.iter_mut().zip(inverse) {
+                *weight *= inverse / total;
             }
-        }
-        let (k, l) = if total > 0.0 {
-            table.iter_mut().flatten().for_each(|w| *w /= total);
-            (k, l)
         } else {
             let cell = [kappa, lambda].map(|x| super::cell_of(x, direction));
             let (cell, inverse) = self.rim.nearest(cell);
-            table[0][0] = inverse;
-            (
-                Axis { low: cell[0], high: cell[0], share: 0.0 },
-                Axis { low: cell[1], high: cell[1], share: 0.0 },
-            )
-        };
-        for row in &mut table {
-            row[2] = row[0] + row[1];
+            (weights, ends) = ([inverse, 0.0, 0.0, 0.0], [cell; 2]);
         }
-        table[2] = std::array::from_fn(|j| table[0][j] + table[1][j]);
         Stencil {
-            low: self.code([u.low, v.low, k.low, l.low]),
-            high: self.code([u.high, v.high, k.high, l.high]),
-            position: [u, v].map(|axis| [1.0 - axis.share, axis.share, 1.0]),
-            direction: table,
+            low: self.code([u.low, v.low, ends[0][0], ends[0][1]]),
+            high: self.code([u.high, v.high, ends[1][0], ends[1][1]]),
+            position: pairs(shares(u, v)),
+            direction: pairs(weights),
         }
     }
 
@@ -124,34 +131,39 @@ impl Sampler {
     fn gather(
         &self,
         stencil: &Stencil,
-        node: usize,
-        shift: u32,
+        mut node: usize,
+        mut shift: u32,
         both: usize,
         high: usize,
         sum: &mut [f32; 3],
     ) {
-        let shift = shift - 4;
-        let low_half = (stencil.low >> shift & 15) as usize;
-        let high_half = (stencil.high >> shift & 15) as usize;
-        // Dimensions whose two cells part here.
-        let part = both & (low_half ^ high_half);
-        let both = both & !part;
-        // All subsets of `part`, from none to itself.
-        let mut chosen = 0;
         loop {
-            let high = high | chosen;
-            let weight = stencil.weight(both, high);
-            if weight != 0.0 {
-                let m_prime = low_half & !high | high_half & high;
-                match self.nodes[node].below(m_prime) {
-                    Below::Leaf(leaf) => self.add(leaf, weight, sum),
+            shift -= 4;
+            let low_half = (stencil.low >> shift & 15) as usize;
+            let high_half = (stencil.high >> shift & 15) as usize;
+            // Dimensions whose two cells part here.
+            let part = both & (low_half ^ high_half);
+            if part == 0 {
+                match self.nodes[node].below(low_half & !high | high_half & high) {
+                    Below::Leaf(leaf) => return self.add(leaf, stencil.weight(both, high), sum),
+                    Below::Branch(child) => node = child,
+                }
+                continue;
+            }
+            let both = both & !part;
+            // All subsets of `part`, from none to itself.
+            let mut chosen = 0;
+            loop {
+                let high = high | chosen;
+                match self.nodes[node].below(low_half & !high | high_half & high) {
+                    Below::Leaf(leaf) => self.add(leaf, stencil.weight(both, high), sum),
                     Below::Branch(child) => self.gather(stencil, child, shift, both, high, sum),
                 }
+                if chosen == part {
+                    return;
+                }
+                chosen = chosen.wrapping_sub(part) & part;
             }
-            if chosen == part {
-                return;
-            }
-            chosen = chosen.wrapping_sub(part) & part;
         }
     }
 
