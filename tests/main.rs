@@ -1,3 +1,4 @@
 //! Integration tests.
 
+mod layering;
 mod wct_file;
