@@ -1,4 +1,5 @@
 //! Integration tests.
 
 mod layering;
+mod paper;
 mod wct_file;
