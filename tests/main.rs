@@ -1,5 +1,7 @@
 //! Integration tests.
 
+mod cli;
 mod layering;
 mod paper;
+mod support;
 mod wct_file;
