@@ -1,5 +1,6 @@
 //! Integration tests.
 
+mod bake;
 mod cli;
 mod layering;
 mod paper;
