@@ -2,6 +2,7 @@
 
 mod bake;
 mod cli;
+mod interaction;
 mod layering;
 mod paper;
 mod support;
