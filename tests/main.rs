@@ -5,5 +5,6 @@ mod cli;
 mod interaction;
 mod layering;
 mod paper;
+mod render;
 mod support;
 mod wct_file;
