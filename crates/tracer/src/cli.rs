@@ -2,6 +2,7 @@
 
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
+use wrt_core::transport::{CellRule, Exact};
 
 /// Renders scenes lit by precomputed wavelet radiance.
 ///
@@ -23,6 +24,8 @@ pub(crate) enum Command {
     Render(Render),
     /// Render the pictures of a camera's flight.
     Fly(Fly),
+    /// Compute single cells of transported radiance, with their error estimates.
+    Transport(Transport),
 }
 
 #[derive(Debug, ClapArgs)]
@@ -146,6 +149,24 @@ pub(crate) struct Fly {
     pub(crate) view: View,
 }
 
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Transport {
+    /// Cases to compute: a .json file, or - for standard input.
+    pub(crate) cases: PathBuf,
+
+    /// `exact`, or an integration rule such as trapezoid2d:17.
+    #[arg(long, value_name = "RULE", default_value = "exact", value_parser = rule)]
+    pub(crate) method: CellRule,
+
+    /// Relative error that `exact` aims at.
+    #[arg(long, value_name = "T", default_value_t = 1e-10, value_parser = tolerance)]
+    pub(crate) tolerance: f64,
+
+    /// Threads to use; 0 is one per core. The result does not depend on it.
+    #[arg(short, long, value_name = "N", default_value_t = 0)]
+    pub(crate) threads: usize,
+}
+
 /// How a picture is made, whatever it is of.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct View {
@@ -199,6 +220,21 @@ pub(crate) enum Tone {
     Neutral,
     /// AgX.
     Agx,
+}
+
+fn rule(text: &str) -> Result<CellRule, String> {
+    if text == "exact" {
+        return Ok(CellRule::Exact(Exact::default()));
+    }
+    let method = text.parse().map_err(|error| format!("not `exact`, and {error}"))?;
+    Ok(CellRule::Sampled(method))
+}
+
+fn tolerance(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(x) if 0.0 < x && x < 1.0 => Ok(x),
+        _ => Err("must be a number above 0 and below 1".to_owned()),
+    }
 }
 
 fn fraction(text: &str) -> Result<f64, String> {
