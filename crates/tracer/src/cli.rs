@@ -24,6 +24,8 @@ pub(crate) enum Command {
     Render(Render),
     /// Render the pictures of a camera's flight.
     Fly(Fly),
+    /// Show what a .wct file holds, as a table, as JSON or as pictures.
+    Inspect(crate::commands::inspect::Args),
     /// Compute single cells of transported radiance, with their error estimates.
     Transport(Transport),
 }
@@ -74,7 +76,7 @@ pub(crate) struct Accuracy {
     pub(crate) compress: Option<f64>,
 
     /// Directions sampled along each side of a direction cell.
-    #[arg(long, value_name = "N", default_value_t = 4,
+    #[arg(long, value_name = "N", default_value_t = 8,
           value_parser = clap::value_parser!(u32).range(1..=64))]
     pub(crate) samples: u32,
 

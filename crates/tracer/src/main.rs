@@ -32,6 +32,7 @@ fn run(args: &cli::Args) -> anyhow::Result<()> {
         cli::Command::Bake(args) => commands::bake::run(args),
         cli::Command::Render(args) => commands::render::run(args),
         cli::Command::Fly(args) => commands::fly::run(args),
+        cli::Command::Inspect(args) => commands::inspect::run(args),
         cli::Command::Transport(args) => commands::transport::run(args),
     }
 }

@@ -2,6 +2,7 @@
 
 pub(crate) mod bake;
 pub(crate) mod fly;
+pub(crate) mod inspect;
 pub(crate) mod render;
 pub(crate) mod transport;
 mod view;
