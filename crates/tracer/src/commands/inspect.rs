@@ -2,6 +2,7 @@
 
 mod matrix;
 
+use crate::cli;
 use crate::film::{Display, Format, Tone};
 use anyhow::{Context as _, bail};
 use matrix::{Directions, Mosaic, Picture};
@@ -10,40 +11,8 @@ use std::path::{Path, PathBuf};
 use wrt_core::wct_file::{ChartKind, Side};
 use wrt_core::{Levels, Patch, WctFile};
 
-/// What to print and draw.
-#[derive(Debug, clap::Args)]
-pub(crate) struct Args {
-    /// File to read.
-    pub(crate) file: PathBuf,
-
-    /// Only this patch.
-    #[arg(long, value_name = "NAME")]
-    pub(crate) patch: Option<String>,
-
-    /// Print JSON instead of a table.
-    #[arg(long)]
-    pub(crate) json: bool,
-
-    /// Draw the radiance in all directions: a matrix of position images, κ to the
-    /// right and λ up, as .png or .exr.
-    ///
-    /// Patches that tile a rectangle are drawn together; else, the one with the
-    /// most energy.
-    #[arg(long, value_name = "FILE", help_heading = "Pictures")]
-    pub(crate) matrix: Option<PathBuf>,
-
-    /// Draw the 4 × 4 brightest neighbouring directions, enlarged.
-    #[arg(long, value_name = "FILE", help_heading = "Pictures")]
-    pub(crate) detail: Option<PathBuf>,
-
-    /// Exposure of a .png, in stops; if not given, all but the brightest 1 % of
-    /// the pixels that are not black are below white.
-    #[arg(long, value_name = "STOPS", allow_negative_numbers = true, help_heading = "Pictures")]
-    pub(crate) exposure: Option<f32>,
-}
-
 /// Reads, draws, and prints.
-pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+pub(crate) fn run(args: &cli::Inspect) -> anyhow::Result<()> {
     for picture in [&args.matrix, &args.detail].into_iter().flatten() {
         Format::of(picture)?;
     }
@@ -103,7 +72,7 @@ impl std::fmt::Display for Drawn {
     }
 }
 
-fn draw(args: &Args, patches: &[Patch]) -> anyhow::Result<Vec<Drawn>> {
+fn draw(args: &cli::Inspect, patches: &[Patch]) -> anyhow::Result<Vec<Drawn>> {
     if args.matrix.is_none() && args.detail.is_none() {
         return Ok(Vec::new());
     }

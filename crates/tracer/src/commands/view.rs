@@ -29,16 +29,8 @@ impl<'a> Stage<'a> {
                 .and_then(|file| WctTexture::bind(&file.patches, &scene))
                 .with_context(|| format!("{}", path.display()))?,
             None => {
-                // As many cells as level 5, where reflected light needs them.
-                let accuracy = cli::Accuracy {
-                    level: 4,
-                    direction_level: Some(6),
-                    ..cli::Accuracy::default()
-                };
-                eprintln!(
-                    "tracer: no --wct given: baking in memory first, as with --level 4 --direction-level 6"
-                );
-                let options = super::bake::options(&accuracy);
+                eprintln!("tracer: no --wct given: baking in memory first");
+                let options = super::bake::options(&cli::Accuracy::default());
                 let baked = super::bake::baked(&scene, &options, view.threads)
                     .with_context(|| format!("baking {}", path.display()))?;
                 WctTexture::bind(&baked.patches, &scene)?
