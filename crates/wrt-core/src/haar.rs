@@ -58,7 +58,8 @@ mod tests {
     fn pull_by_definition(s: &[f64; CHILDREN], split: usize) -> [f64; CHILDREN] {
         let scale = f64::from(1_u32 << split.count_ones()).sqrt().recip();
         std::array::from_fn(|nu| {
-            let sign = |m: usize| if (nu & m).count_ones().is_multiple_of(2) { scale } else { -scale };
+            let sign =
+                |m: usize| if (nu & m).count_ones().is_multiple_of(2) { scale } else { -scale };
             crate::index::children(split).map(|m| sign(m) * s[m]).sum()
         })
     }

@@ -2,18 +2,26 @@
 
 mod chart;
 mod convex;
+mod emission;
 mod error;
+pub mod grid;
 mod haar;
 mod index;
+mod interaction;
 pub mod metrics;
 mod nusselt;
 mod polygon;
 pub mod transport;
+mod tree;
 
 pub use chart::Chart;
 pub use convex::ConvexPolygon;
+pub use emission::{Emission, Lobe};
 pub use error::{Error, Result};
+pub use grid::{Grid, Rgb};
 pub use haar::{CHILDREN, pull, push};
 pub use index::{Cell, Levels, WaveletIndex, children};
+pub use interaction::{LobeMatrix, Phong, reflect};
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
+pub use tree::{Compression, Keep, Node, Tree, TreeBuilder};

@@ -1,12 +1,19 @@
 //! Transport of radiance from one polygon to another (§6.3, §7.1, §7.2).
 
+mod block;
 mod geometry;
 mod integrate;
+mod oracle;
 mod pair;
+mod recursion;
+mod resample;
 
+pub use block::{BlockOptions, Source, transport_block};
 pub use geometry::TransportGeometry;
 pub use integrate::{
-    Degree, Dimensions, Integral, Integrator, Method, MonteCarlo, QuasiRandom, Romberg, Sequence,
-    Trapezoidal,
+    Degree, Dimensions, Exact, Integral, Integrator, Method, MonteCarlo, QuasiRandom, Romberg,
+    Sequence, Trapezoidal,
 };
+pub use oracle::{Verdict, oracle};
 pub use pair::{Pair, Support};
+pub use recursion::{Counts, RecursionOptions, transport_coefficient, transport_tree};

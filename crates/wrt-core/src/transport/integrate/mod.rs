@@ -1,5 +1,7 @@
 //! Integrators of a transport coefficient (`tc_integrate`, §7.1.4.2, §7.2.4.2).
 
+mod events;
+mod exact;
 #[cfg(test)]
 mod facts;
 mod method;
@@ -12,6 +14,7 @@ mod visible;
 
 use super::Pair;
 
+pub use exact::Exact;
 pub use method::Method;
 pub use monte_carlo::MonteCarlo;
 pub use quasi_random::{QuasiRandom, Sequence};
