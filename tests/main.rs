@@ -1,1 +1,10 @@
 //! Integration tests.
+
+mod bake;
+mod cli;
+mod interaction;
+mod layering;
+mod paper;
+mod render;
+mod support;
+mod wct_file;

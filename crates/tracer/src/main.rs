@@ -1,2 +1,37 @@
 //! `tracer`: bakes scenes to wavelet radiance and renders them from it.
-fn main() {}
+
+mod accel;
+mod bake;
+mod camera;
+mod cli;
+mod commands;
+mod emitters;
+mod film;
+mod phong;
+mod render;
+mod scene;
+mod wct_texture;
+mod whitted;
+
+use clap::Parser as _;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    match run(&cli::Args::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            // `{:#}` prints the chain on one line: what was being done, then why not.
+            eprintln!("tracer: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(args: &cli::Args) -> anyhow::Result<()> {
+    match &args.command {
+        cli::Command::Bake(args) => commands::bake::run(args),
+        cli::Command::Render(args) => commands::render::run(args),
+        cli::Command::Fly(args) => commands::fly::run(args),
+        cli::Command::Transport(args) => commands::transport::run(args),
+    }
+}

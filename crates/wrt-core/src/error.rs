@@ -112,6 +112,42 @@ pub enum Error {
         /// Where the description starts.
         offset: u64,
     },
+    /// A value in the description that no writer produces.
+    #[error("{path} is {found} in the description at byte {offset}, but must be {allowed}")]
+    BadDescription {
+        /// Which value, as in `patches[0].levels.position`.
+        path: String,
+        /// What it is.
+        found: String,
+        /// What it may be.
+        allowed: String,
+        /// Where the description starts.
+        offset: u64,
+    },
+    /// A convention that a newer version may bring and this build does not know.
+    #[error(
+        "{what} is `{found}` in the description at byte {offset}, but this build knows only `{known}`"
+    )]
+    Unsupported {
+        /// Which convention.
+        what: String,
+        /// What the file says.
+        found: String,
+        /// What it could say.
+        known: String,
+        /// Where the description starts.
+        offset: u64,
+    },
+    /// A patch that is not a radiance on a polygon.
+    #[error("patch `{patch}`{}: {reason}", at(*offset))]
+    BadPatch {
+        /// Its name.
+        patch: String,
+        /// What is wrong with it.
+        reason: String,
+        /// Where in a file it starts, or its description; `None` if it is not from one.
+        offset: Option<u64>,
+    },
     /// The file ends before what its header promises.
     #[error(
         "the file ends at byte {found}, but {needed} are promised: it is cut short or still being written"
@@ -125,4 +161,8 @@ pub enum Error {
     /// Reading or writing failed underneath.
     #[error(transparent)]
     Io(#[from] std::io::Error),
+}
+
+fn at(offset: Option<u64>) -> String {
+    offset.map(|offset| format!(" at byte {offset}")).unwrap_or_default()
 }

@@ -60,6 +60,31 @@ impl Grid {
         Self { levels, images: vec![image], slices }
     }
 
+    /// The sum of several grids: light from several sources.
+    ///
+    /// # Panics
+    ///
+    /// If their levels differ from `levels`.
+    #[must_use]
+    pub fn sum(levels: Levels, grids: impl IntoIterator<Item = Self>) -> Self {
+        let mut grids: Vec<Self> = grids.into_iter().collect();
+        assert!(grids.iter().all(|grid| grid.levels == levels), "grids of equal levels");
+        if grids.len() == 1 {
+            return grids.remove(0);
+        }
+        let image = |d: usize| {
+            let lit = grids.iter().filter_map(|grid| grid.slice(d).map(|slice| (grid, slice)));
+            lit.fold(None, |sum: Option<Vec<Rgb>>, (grid, (image, scale))| {
+                let mut sum = sum.unwrap_or_else(|| vec![[0.0; 3]; levels.positions()]);
+                for (sum, rgb) in sum.iter_mut().zip(&grid.images[image]) {
+                    *sum = std::array::from_fn(|c| sum[c] + scale * rgb[c]);
+                }
+                Some(sum)
+            })
+        };
+        Self::from_images(levels, (0..levels.directions()).map(image).collect())
+    }
+
     /// Its levels.
     #[must_use]
     pub fn levels(&self) -> Levels {

@@ -52,6 +52,9 @@ pub struct Polygon {
 /// single-precision files round to 6·10⁻⁸ of their coordinates.
 const PLANARITY: f64 = 1e-6;
 
+/// Edges at an angle with a smaller sine are parallel: rounding makes 10⁻¹⁶ of it.
+const PARALLEL: f64 = 1e-12;
+
 impl Polygon {
     /// The rectangle origin + u·`edge_u` + v·`edge_v`.
     ///
@@ -86,14 +89,19 @@ impl Polygon {
 
     /// A quadrilateral under a rectilinear chart whose sides are its edges from
     /// vertex 0 to 1 (W) and from 0 to 3 (H); what of the chart's rectangle lies
-    /// outside the quadrilateral is clipped away.
+    /// outside the quadrilateral is clipped away. Where those are parallel, as in a
+    /// triangle whose vertices 3 and 0 are equal, H is the edge from 0 to 2.
     ///
     /// # Errors
     ///
     /// As [`rectilinear`](Self::rectilinear).
     pub fn rectilinear_quad(vertices: [DVec3; 4]) -> Result<Self> {
         let (frame, outline) = flatten(&vertices)?;
-        let (width, height) = (outline[1].distance(outline[0]), outline[3].distance(outline[0]));
+        let (u, mut v) = (outline[1] - outline[0], outline[3] - outline[0]);
+        if u.perp_dot(v).abs() <= PARALLEL * u.length() * v.length() {
+            v = outline[2] - outline[0];
+        }
+        let (width, height) = (u.length(), v.length());
         if width == 0.0 || height == 0.0 {
             return Err(Error::ZeroArea);
         }

@@ -3,6 +3,16 @@
 //! World space is right-handed, in metres, +Y up. Colours and radiances are
 //! linear Rec. 709; radiance is in W m⁻² sr⁻¹.
 
+mod extras;
+pub(crate) mod flight;
+mod gltf;
+mod load;
+mod obj;
+pub(crate) mod surfaces;
+mod texture;
+
+pub(crate) use load::{Loaded, load};
+
 use glam::{DAffine3, DVec3, Vec2, Vec3};
 
 /// Everything a file says about what there is to see.
@@ -131,7 +141,10 @@ pub(crate) enum LightKind {
     Point,
     Directional,
     /// Half angles, radians.
-    Spot { inner: f64, outer: f64 },
+    Spot {
+        inner: f64,
+        outer: f64,
+    },
 }
 
 /// Key frames of one camera.
@@ -146,3 +159,6 @@ pub(crate) struct Animation {
     /// pairs of (seconds, camera to world), increasing in time.
     pub(crate) keys: Vec<(f64, DAffine3)>,
 }
+
+#[cfg(test)]
+mod tests;

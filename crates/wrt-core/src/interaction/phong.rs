@@ -31,11 +31,28 @@ impl Phong {
     }
 }
 
-/// (n+2)/(2π) max(0, R·V)ⁿ: the lobe of k_s = 1.
+/// (n+2)/(2π) max(0, R·V)ⁿ: the lobe of k_s = 1 and exponent n, for the cosine
+/// R·V between the mirror direction and the eye's.
 #[must_use]
+pub fn phong_lobe(exponent: f64, cosine: f64) -> f64 {
+    if cosine <= 0.0 {
+        return 0.0;
+    }
+    let cosine = cosine.min(1.0);
+    // Whole exponents are the common ones, and several times as fast.
+    let whole = exponent as i32;
+    let power = if f64::from(whole) == exponent && whole <= 256 {
+        cosine.powi(whole)
+    } else {
+        cosine.powf(exponent)
+    };
+    (exponent + 2.0) / TAU * power
+}
+
+/// [`phong_lobe`] for directions in the surface's frame.
 pub(super) fn lobe(exponent: f64, to_light: DVec3, to_eye: DVec3) -> f64 {
     let cosine = to_light.z * to_eye.z - to_light.x * to_eye.x - to_light.y * to_eye.y;
-    if cosine <= 0.0 { 0.0 } else { (exponent + 2.0) / TAU * cosine.min(1.0).powf(exponent) }
+    phong_lobe(exponent, cosine)
 }
 
 #[cfg(test)]

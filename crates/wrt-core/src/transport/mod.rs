@@ -1,6 +1,7 @@
 //! Transport of radiance from one polygon to another (§6.3, §7.1, §7.2).
 
 mod block;
+mod cell;
 mod geometry;
 mod integrate;
 mod oracle;
@@ -9,6 +10,7 @@ mod recursion;
 mod resample;
 
 pub use block::{BlockOptions, Source, transport_block};
+pub use cell::{CellRadiance, CellRule};
 pub use geometry::TransportGeometry;
 pub use integrate::{
     Degree, Dimensions, Exact, Integral, Integrator, Method, MonteCarlo, QuasiRandom, Romberg,

@@ -1,0 +1,222 @@
+//! What the hierarchy must find, aimed at where others miss.
+
+use super::*;
+use crate::scene::{Material, Mesh};
+use std::f64::consts::{PI, TAU};
+
+fn scene_of(positions: Vec<DVec3>, triangles: Vec<[u32; 3]>) -> Scene {
+    Scene {
+        meshes: vec![Mesh { positions, triangles, ..Mesh::default() }],
+        materials: vec![Material::default()],
+        ..Scene::default()
+    }
+}
+
+/// A closed, bumpy sphere about `centre`, seen counter-clockwise from outside.
+fn bumpy_sphere(centre: DVec3, radius: f64) -> Scene {
+    const RINGS: u32 = 48;
+    const SECTORS: u32 = 96;
+    let mut positions = vec![centre + radius * DVec3::Y];
+    for ring in 1..RINGS {
+        for sector in 0..SECTORS {
+            let polar = PI * f64::from(ring) / f64::from(RINGS);
+            let azimuth = TAU * f64::from(sector) / f64::from(SECTORS);
+            let bump = 1.0 + 0.08 * (7.0 * azimuth).sin() * (9.0 * polar).sin();
+            let (sin, cos) = polar.sin_cos();
+            let direction = DVec3::new(sin * azimuth.cos(), cos, -sin * azimuth.sin());
+            positions.push(centre + radius * bump * direction);
+        }
+    }
+    positions.push(centre - radius * DVec3::Y);
+    let south = (RINGS - 1) * SECTORS + 1;
+    let vertex = |ring: u32, sector: u32| match ring {
+        0 => 0,
+        RINGS => south,
+        _ => 1 + (ring - 1) * SECTORS + sector % SECTORS,
+    };
+    let mut triangles = Vec::new();
+    for ring in 0..RINGS {
+        for sector in 0..SECTORS {
+            let a = [vertex(ring, sector), vertex(ring, sector + 1)];
+            let b = [vertex(ring + 1, sector), vertex(ring + 1, sector + 1)];
+            triangles.push([a[0], b[0], b[1]]);
+            triangles.push([a[0], b[1], a[1]]);
+        }
+    }
+    triangles.retain(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]);
+    scene_of(positions, triangles)
+}
+
+/// Aims at every vertex and along every edge of a closed mesh, from points
+/// inside and outside; returns how many rays, and how many met nothing up to
+/// what they were aimed at.
+///
+/// Silhouettes are left out: a ray that grazes one may rightly pass it.
+fn misses_of_closed_mesh(centre: DVec3, radius: f64, rays_wanted: usize) -> (usize, usize) {
+    let scene = bumpy_sphere(centre, radius);
+    let accel = Accel::new(&scene);
+    let mesh = &scene.meshes[0];
+    let mut fans = vec![Vec::new(); mesh.positions.len()];
+    for (i, triangle) in mesh.triangles.iter().enumerate() {
+        triangle.iter().for_each(|&corner| fans[corner as usize].push(i));
+    }
+    let eyes = [
+        DVec3::ZERO,
+        DVec3::new(0.31, -0.2, 0.11),
+        DVec3::new(0.0, 0.0, 0.5),
+        DVec3::new(0.0, 3.0, 0.0),
+        DVec3::new(-2.0, 0.1, 1.7),
+        DVec3::new(1.0, 1.0, 1.0) * 40.0,
+    ];
+    let eyes = eyes.map(|eye| {
+        let eye = centre + radius * eye;
+        let faces_eye = |t: &[u32; 3]| {
+            let p = t.map(|corner| mesh.positions[corner as usize]);
+            normal_of(p).dot(eye - p[0]) > 0.0
+        };
+        (eye, mesh.triangles.iter().map(faces_eye).collect::<Vec<bool>>())
+    });
+    let (mut rays, mut misses) = (0, 0);
+    for step in 0_u32.. {
+        let along = (f64::from(step) * 0.618_033_988_749_895).fract();
+        for (triangle, k) in mesh.triangles.iter().flat_map(|t| (0..3).map(move |k| (t, k))) {
+            let (a, b) = (triangle[k] as usize, triangle[(k + 1) % 3] as usize);
+            let target = mesh.positions[a].lerp(mesh.positions[b], along);
+            for (eye, facing) in &eyes {
+                let mut around =
+                    fans[a].iter().filter(|i| step == 0 || fans[b].contains(i)).map(|&i| facing[i]);
+                let first = around.next();
+                if around.any(|facing| Some(facing) != first) {
+                    continue;
+                }
+                let direction = (target - eye).normalize();
+                let reach = eye.distance(target) * (1.0 + 1e-6);
+                rays += 1;
+                misses += usize::from(accel.closest(*eye, direction, 0.0, reach).is_none());
+            }
+        }
+        if rays >= rays_wanted {
+            break;
+        }
+    }
+    (rays, misses)
+}
+
+#[test]
+fn no_ray_slips_through_the_edges_of_a_closed_mesh() {
+    let (rays, misses) = misses_of_closed_mesh(DVec3::ZERO, 1.0, 2_000_000);
+    assert_eq!(misses, 0, "of {rays} rays");
+}
+
+#[test]
+fn neither_distance_from_the_origin_nor_size_opens_gaps() {
+    let far = DVec3::new(1e6, -3e5, 2e6);
+    for (centre, radius) in [(far, 10.0), (DVec3::ZERO, 1e-5), (DVec3::ZERO, 1e7)] {
+        let (rays, misses) = misses_of_closed_mesh(centre, radius, 150_000);
+        assert_eq!(misses, 0, "of {rays} rays, centre {centre}, radius {radius}");
+    }
+}
+
+/// Axis-parallel rays have zero components, of either sign.
+#[test]
+fn no_ray_slips_through_the_edges_of_a_grid_along_its_axes() {
+    const SIDE: u32 = 32;
+    let vertex = |x: u32, y: u32| y * (SIDE + 1) + x;
+    let positions = (0..=SIDE)
+        .flat_map(|y| (0..=SIDE).map(move |x| DVec3::new(x.into(), y.into(), 0.0)))
+        .collect();
+    let triangles = (0..SIDE)
+        .flat_map(|y| (0..SIDE).map(move |x| (x, y)))
+        .flat_map(|(x, y)| {
+            let (a, b) = (vertex(x, y), vertex(x + 1, y));
+            let (c, d) = (vertex(x + 1, y + 1), vertex(x, y + 1));
+            [[a, b, c], [a, c, d]]
+        })
+        .collect();
+    let accel = Accel::new(&scene_of(positions, triangles));
+    for i in 0..=8 * SIDE {
+        for j in 0..=8 * SIDE {
+            let eye = DVec3::new(f64::from(i) / 8.0, f64::from(j) / 8.0, 0.0);
+            for zero in [0.0, -0.0] {
+                for z in [1.0, -1.0] {
+                    let direction = DVec3::new(zero, zero, -z);
+                    let hit = accel.closest(eye + z * DVec3::Z, direction, 0.0, 2.0);
+                    let hit = hit.unwrap_or_else(|| panic!("miss at {eye} along {direction}"));
+                    assert_eq!((hit.t, hit.front), (1.0, z > 0.0), "at {eye}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn hit_is_where_the_ray_and_the_triangle_say() {
+    let a = [DVec3::new(1.0, 2.0, -3.0), DVec3::new(4.0, 2.5, -3.5), DVec3::new(1.5, 6.0, -4.0)];
+    let accel = Accel::new(&scene_of(a.to_vec(), vec![[0, 1, 2]]));
+    let target = 0.5 * a[0] + 0.3 * a[1] + 0.2 * a[2];
+    let eye = DVec3::new(0.0, 0.0, 5.0);
+    let direction = (target - eye).normalize();
+    let hit = accel.closest(eye, direction, 0.0, f64::INFINITY).expect("aimed at it");
+    assert_eq!((hit.mesh, hit.triangle, hit.front), (0, 0, true));
+    assert!((hit.t - eye.distance(target)).abs() < 1e-14, "{hit:?}");
+    assert!((hit.barycentric.0 - 0.3).abs() < 1e-14, "{hit:?}");
+    assert!((hit.barycentric.1 - 0.2).abs() < 1e-14, "{hit:?}");
+    assert!(hit.position.distance(target) < 1e-14, "{hit:?}");
+    let past = accel.closest(eye, direction, hit.t, f64::INFINITY);
+    assert_eq!(past, None, "tmin is excluded");
+    assert_eq!(accel.closest(eye, direction, 0.0, hit.t), None, "tmax is excluded");
+    let back = accel.closest(2.0 * target - eye, -direction, 0.0, f64::INFINITY);
+    assert!(back.is_some_and(|hit| !hit.front), "{back:?}");
+}
+
+#[test]
+fn surfaces_closer_than_f32_can_tell_are_told_apart() {
+    let quad = |z: f64| [[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]].map(|[x, y]| DVec3::new(x, y, z));
+    let positions = [quad(0.0), quad(1e-12)].concat();
+    let accel = Accel::new(&scene_of(positions, vec![[0, 1, 2], [3, 4, 5]]));
+    let hit = |z: f64| accel.closest(DVec3::new(1.0, 2.0, z), -z * DVec3::Z, 0.0, 9.0);
+    assert_eq!(hit(1.0).map(|hit| hit.triangle), Some(1));
+    assert_eq!(hit(-1.0).map(|hit| hit.triangle), Some(0));
+}
+
+#[test]
+fn shadow_ray_ends_at_its_target() {
+    let scene = bumpy_sphere(DVec3::ZERO, 1.0);
+    let accel = Accel::new(&scene);
+    let outside = DVec3::new(0.0, 3.0, 0.2);
+    assert!(accel.occluded(outside, DVec3::ZERO), "the shell is between");
+    let direction = (outside - DVec3::ZERO).normalize();
+    let hit = accel.closest(DVec3::ZERO, direction, 0.0, 9.0).expect("inside the shell");
+    assert!(!accel.occluded(DVec3::ZERO, hit.position), "the shell hides itself");
+    let start = accel.leave(hit.position, hit.normal, direction);
+    assert!(!accel.occluded(start, outside), "the surface hides what it faces");
+    let start = accel.leave(hit.position, hit.normal, -direction);
+    assert!(accel.occluded(start, outside), "the surface lets light through");
+}
+
+#[test]
+fn clear_triangles_dim_shadow_rays() {
+    let positions = [0.0, 1.0]
+        .map(|z| [[-1.0, -1.0], [3.0, -1.0], [-1.0, 3.0]].map(|[x, y]| DVec3::new(x, y, z)))
+        .concat();
+    let mut scene = scene_of(positions, vec![[0, 1, 2], [3, 4, 5]]);
+    scene.materials[0].transmission = 0.5;
+    let accel = Accel::new(&scene);
+    let through = accel.visibility(DVec3::new(0.0, 0.0, -1.0), DVec3::new(0.0, 0.1, 2.0));
+    assert_eq!(through, 0.25);
+}
+
+#[test]
+fn empty_and_degenerate_scenes_are_empty_space() {
+    let point = vec![DVec3::ONE; 3];
+    let line = vec![DVec3::ZERO, DVec3::X, 2.0 * DVec3::X];
+    let nan = vec![DVec3::ZERO, DVec3::X, DVec3::NAN];
+    for positions in [point, line, nan] {
+        let accel = Accel::new(&scene_of(positions, vec![[0, 1, 2]]));
+        let hit = accel.closest(DVec3::new(0.5, 0.0, 1.0), -DVec3::Z, 0.0, f64::INFINITY);
+        assert_eq!(hit, None);
+    }
+    let accel = Accel::new(&Scene::default());
+    assert_eq!(accel.closest(DVec3::ZERO, DVec3::X, 0.0, f64::INFINITY), None);
+    assert!(!accel.occluded(DVec3::ZERO, DVec3::ONE), "by what?");
+}

@@ -1,0 +1,252 @@
+//! glTF 2.0, as `.gltf` or `.glb`, into a [`Scene`].
+//!
+//! The gltf crate parses the JSON. Its own accessors index and subtract as a
+//! valid file allows, and panic on others; what is read here goes by its plain
+//! JSON types, so that a malformed file is an error.
+
+mod accessor;
+mod animation;
+mod buffer;
+mod document;
+mod material;
+mod nodes;
+mod primitive;
+
+use super::extras::{self, NodeExtras, SceneExtras};
+use super::load::{Names, Warnings};
+use super::{Camera, LightKind, Loaded, Material, Mesh, PunctualLight, Scene};
+use ::gltf::json::camera::Type as CameraType;
+use ::gltf::json::extensions::scene::khr_lights_punctual::{Light, Type as LightType};
+use ::gltf::json::{Camera as JsonCamera, Root};
+use accessor::Buffers;
+use anyhow::{Context as _, ensure};
+use document::{get, valid};
+use glam::{DAffine3, DVec3, Vec3};
+use material::{TextureCoordinates, Textures};
+use nodes::{Hierarchy, label, rigid};
+use std::f64::consts::{FRAC_PI_2, PI};
+use std::path::Path;
+
+/// Reads the glTF file at `path` and the files it names.
+///
+/// # Errors
+///
+/// If a file is missing, malformed, or requires what is not supported.
+pub(super) fn load(path: &Path) -> anyhow::Result<Loaded> {
+    let bytes = std::fs::read(path)?;
+    read(&bytes, path.parent().unwrap_or(Path::new("")))
+}
+
+/// Reads a `.gltf` or `.glb` whose files are relative to `directory`.
+fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
+    let mut warnings = Warnings::default();
+    let (root, chunk) = document::parse(bytes, &mut warnings)?;
+    let buffers = Buffers::load(&root, chunk, directory)?;
+    let hierarchy = Hierarchy::read(&root)?;
+    let mut builder = Builder::new(&root, &buffers, directory, warnings)?;
+    for &node in &hierarchy.order {
+        let placed = builder.node(node, hierarchy.world[node]);
+        placed.with_context(|| label(&root, node))?;
+    }
+    let Builder { mut scene, camera_nodes, textures, mut warnings, .. } = builder;
+    scene.textures = textures.loaded;
+    scene.ambient = ambient(&root)?;
+    if root.scenes.len() > 1 {
+        warnings.ignored("scenes other than the default one", "");
+    }
+    scene.animations = animation::read(
+        &root,
+        &root.animations,
+        &buffers,
+        &hierarchy,
+        &camera_nodes,
+        &mut warnings,
+    )?;
+    Ok(Loaded { scene, warnings: warnings.into_lines() })
+}
+
+fn ambient(root: &Root) -> anyhow::Result<Vec3> {
+    let shown = root.scene.map_or(0, |index| index.value());
+    let Some(scene) = root.scenes.get(shown) else { return Ok(Vec3::ZERO) };
+    let extras = extras::read::<SceneExtras>(&scene.extras);
+    extras.and_then(|e| e.ambient()).with_context(|| format!("scene {shown}"))
+}
+
+/// A scene in the making.
+struct Builder<'a> {
+    root: &'a Root,
+    buffers: &'a Buffers<'a>,
+    scene: Scene,
+    /// The texture coordinates of each of the file's materials.
+    coordinates: Vec<TextureCoordinates>,
+    /// Index of the material of primitives that name none, once there is one.
+    plain: Option<usize>,
+    /// The node of each of the scene's cameras.
+    camera_nodes: Vec<usize>,
+    textures: Textures<'a>,
+    names: Names,
+    warnings: Warnings,
+}
+
+impl<'a> Builder<'a> {
+    fn new(
+        root: &'a Root,
+        buffers: &'a Buffers<'a>,
+        directory: &'a Path,
+        mut warnings: Warnings,
+    ) -> anyhow::Result<Self> {
+        let mut textures = Textures::new(root, buffers, directory);
+        let mut scene = Scene::default();
+        let mut coordinates = Vec::with_capacity(root.materials.len());
+        for (i, json) in root.materials.iter().enumerate() {
+            let owner = match &json.name {
+                Some(name) => format!("material {name:?}"),
+                None => format!("material {i}"),
+            };
+            let (material, used) =
+                material::read(json, &owner, &mut textures, &mut warnings).context(owner)?;
+            scene.materials.push(material);
+            coordinates.push(used);
+        }
+        let (plain, names, camera_nodes) = (None, Names::default(), Vec::new());
+        Ok(Self {
+            root,
+            buffers,
+            scene,
+            coordinates,
+            plain,
+            camera_nodes,
+            textures,
+            names,
+            warnings,
+        })
+    }
+
+    /// Adds what `node` carries.
+    fn node(&mut self, node: usize, world: DAffine3) -> anyhow::Result<()> {
+        let json = &self.root.nodes[node];
+        let owner = label(self.root, node);
+        let NodeExtras { receiver } = extras::read(&json.extras)?;
+        if json.skin.is_some() {
+            self.warnings.ignored("skins", &owner);
+        }
+        if let Some(index) = json.mesh {
+            self.mesh(node, get(self.root, index, "mesh")?, world, receiver)?;
+        } else if receiver {
+            self.warnings.ignored("receiver marks on nodes without a mesh", &owner);
+        }
+        if let Some(index) = json.camera {
+            let camera = get(self.root, index, "camera")?;
+            let number = self.scene.cameras.len().to_string();
+            let name = json.name.clone().or(camera.name.clone()).unwrap_or(number);
+            match perspective(camera, name, &world)? {
+                Some(camera) => {
+                    self.scene.cameras.push(camera);
+                    self.camera_nodes.push(node);
+                }
+                None => self.warnings.ignored("orthographic cameras", &owner),
+            }
+        }
+        let light = json.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref());
+        if let Some(light) = light {
+            let light = punctual(get(self.root, light.light, "light")?, &world)?;
+            self.scene.lights.push(light);
+        }
+        Ok(())
+    }
+
+    fn mesh(
+        &mut self,
+        node: usize,
+        json: &::gltf::json::Mesh,
+        world: DAffine3,
+        receiver: bool,
+    ) -> anyhow::Result<()> {
+        let owner = label(self.root, node);
+        let given = self.root.nodes[node].name.as_ref().or(json.name.as_ref());
+        let name = given.cloned().unwrap_or_else(|| format!("node{node}"));
+        for (i, primitive) in json.primitives.iter().enumerate() {
+            let material = match primitive.material {
+                Some(index) => {
+                    get(self.root, index, "material")?;
+                    index.value()
+                }
+                None => self.plain_material(),
+            };
+            let coordinates = self.coordinates.get(material).copied().unwrap_or_default();
+            let warnings = &mut self.warnings;
+            let read =
+                primitive::read(self.buffers, primitive, world, &coordinates, &owner, warnings);
+            if let Some(mesh) = read.with_context(|| format!("primitive {i}"))? {
+                let name = self.names.unique(&name);
+                self.scene.meshes.push(Mesh { name, material, receiver, ..mesh });
+            }
+        }
+        Ok(())
+    }
+
+    /// The material of primitives without one.
+    ///
+    /// Departs from glTF, whose default is a white metal: half-grey Lambertian
+    /// is what a modelling program shows for no material.
+    fn plain_material(&mut self) -> usize {
+        *self.plain.get_or_insert_with(|| {
+            self.scene.materials.push(Material::default());
+            self.scene.materials.len() - 1
+        })
+    }
+}
+
+/// A perspective camera, or `None` for an orthographic one.
+fn perspective(
+    json: &JsonCamera,
+    name: String,
+    world: &DAffine3,
+) -> anyhow::Result<Option<Camera>> {
+    if valid(&json.type_, "type")? == CameraType::Orthographic {
+        return Ok(None);
+    }
+    let perspective = json.perspective.as_ref().context("its camera has no perspective")?;
+    let yfov = f64::from(perspective.yfov);
+    ensure!(yfov > 0.0 && yfov < PI, "yfov is {yfov}, outside 0 to π");
+    let aspect = perspective.aspect_ratio.map(f64::from);
+    ensure!(
+        aspect.is_none_or(|a| a > 0.0 && a.is_finite()),
+        "aspectRatio is {aspect:?}, which no picture has"
+    );
+    let transform = rigid(world).context("its camera has no direction: it is scaled to nothing")?;
+    Ok(Some(Camera { name, transform, yfov, aspect }))
+}
+
+fn punctual(json: &Light, world: &DAffine3) -> anyhow::Result<PunctualLight> {
+    let intensity = Vec3::from(json.color) * json.intensity;
+    let valid_intensity = intensity.is_finite() && intensity.min_element() >= 0.0;
+    ensure!(valid_intensity, "its light's colour times intensity is {intensity}");
+    let range = json.range.map(f64::from);
+    ensure!(range.is_none_or(|r| r > 0.0), "its light's range is {range:?}");
+    let kind = match valid(&json.type_, "type")? {
+        LightType::Point => LightKind::Point,
+        LightType::Directional => LightKind::Directional,
+        LightType::Spot => {
+            let spot = json.spot.as_ref().context("its spot light has no cone")?;
+            let (inner, outer) =
+                (f64::from(spot.inner_cone_angle), f64::from(spot.outer_cone_angle));
+            // The largest f32 angle is a little past π/2.
+            let ordered = 0.0 <= inner && inner < outer && outer <= FRAC_PI_2 + 1e-6;
+            ensure!(
+                ordered,
+                "its spot light's cones are {inner} and {outer}: 0 ≤ inner < outer ≤ π/2"
+            );
+            LightKind::Spot { inner, outer }
+        }
+    };
+    let direction = (world.matrix3 * DVec3::NEG_Z).try_normalize();
+    let direction = match kind {
+        LightKind::Point => direction.unwrap_or(DVec3::NEG_Z),
+        _ => direction.context("its light has no direction: it is scaled to nothing")?,
+    };
+    Ok(PunctualLight { intensity, position: world.translation, direction, kind, range })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,92 @@
+//! A `.wct` as a 4-D texture: hit point and view direction to radiance.
+
+use crate::scene::{Scene, surfaces};
+use crate::whitted::PatchRadiance;
+use anyhow::bail;
+use glam::{DVec3, Vec3};
+use wrt_core::wct_file::Side;
+use wrt_core::{Frame, Nusselt, Patch, Sampler};
+
+/// The outgoing patches of a file, bound to a scene's triangles.
+#[derive(Debug)]
+pub(crate) struct WctTexture {
+    patches: Vec<Bound>,
+    /// Per mesh and triangle: index into `patches`.
+    triangles: Vec<Vec<Option<u32>>>,
+}
+
+#[derive(Debug)]
+struct Bound {
+    frame: Frame,
+    size: glam::DVec2,
+    sampler: Sampler,
+}
+
+impl WctTexture {
+    /// Binds each outgoing patch to the planar polygon of its name and geometry.
+    ///
+    /// # Errors
+    ///
+    /// If a patch has no polygon of its name in the scene, or lies elsewhere.
+    pub(crate) fn bind(patches: &[Patch], scene: &Scene) -> anyhow::Result<Self> {
+        let polygons = surfaces::planar_polygons(scene);
+        let mut texture = Self {
+            patches: Vec::new(),
+            triangles: scene.meshes.iter().map(|mesh| vec![None; mesh.triangles.len()]).collect(),
+        };
+        for patch in patches.iter().filter(|patch| patch.side == Side::Outgoing) {
+            let name = &patch.name;
+            let Some(planar) = polygons.iter().find(|planar| planar.name == *name) else {
+                bail!(
+                    "the scene has no planar surface named \"{name}\", which the .wct file has a patch for: was it baked from another scene?"
+                );
+            };
+            let polygon = patch.polygon.to_polygon()?;
+            let extent = polygon.size().unwrap_or_default().length();
+            let off = |(a, b): (&DVec3, &[f64; 3])| a.distance(DVec3::from(*b));
+            let pairs = planar.vertices.iter().zip(&patch.polygon.vertices);
+            let distance = pairs.map(off).fold(0.0, f64::max);
+            if planar.vertices.len() != patch.polygon.vertices.len() || distance > 1e-5 * extent {
+                bail!(
+                    "the patch \"{name}\" lies elsewhere than the scene's surface of that name: bake the scene again"
+                );
+            }
+            let Some(size) = polygon.size() else {
+                bail!("the patch \"{name}\" is on a chart that this renderer cannot look up");
+            };
+            for &triangle in &planar.triangles {
+                texture.triangles[planar.mesh][triangle as usize] =
+                    Some(texture.patches.len() as u32);
+            }
+            texture.patches.push(Bound {
+                frame: *polygon.frame(),
+                size,
+                sampler: Sampler::new(&patch.tree),
+            });
+        }
+        if texture.patches.is_empty() {
+            bail!("the .wct file holds no outgoing radiance");
+        }
+        Ok(texture)
+    }
+
+    /// How many patches are bound.
+    pub(crate) fn len(&self) -> usize {
+        self.patches.len()
+    }
+}
+
+impl PatchRadiance for WctTexture {
+    fn outgoing(&self, mesh: usize, triangle: u32, position: DVec3, to_eye: DVec3) -> Option<Vec3> {
+        let patch = &self.patches[self.triangles[mesh][triangle as usize]? as usize];
+        let local = patch.frame.to_local(position - patch.frame.origin);
+        let mu = patch.frame.to_local(to_eye).normalize();
+        let q = Nusselt::from_direction(mu)?;
+        // Just inside: a hit on the border may round to the outside.
+        let coordinate = |x: f64, size: f64| (x / size).clamp(0.0, 1.0 - f64::EPSILON);
+        let (u, v) = (coordinate(local.x, patch.size.x), coordinate(local.y, patch.size.y));
+        let radiance = patch.sampler.multilinear([u, v, q.kappa, q.lambda]);
+        // Thresholding can leave a little less than no light.
+        Some(Vec3::from(radiance).max(Vec3::ZERO))
+    }
+}

@@ -1,0 +1,366 @@
+//! The ray tree: radiance along a ray, after T. Whitted, *An Improved
+//! Illumination Model for Shaded Display*, CACM 23(6), 1980.
+//!
+//! Light reaches a surface from punctual lights, from area emitters and from
+//! mirrors and glass by recursive rays. Where a wavelet patch lies on the
+//! surface, the patch replaces the area emitters.
+
+use crate::{
+    accel::{Accel, Hit},
+    emitters::{AreaEmitter, lobe_factor},
+    phong::{Surface, textured},
+    scene::{Lobe, Scene},
+};
+use glam::{DVec2, DVec3, Vec3};
+
+/// Rays that can change a pixel by less than this, relative to the radiance
+/// they would find, are not followed.
+const MIN_WEIGHT: f32 = 1e-3;
+
+/// Step of a sequence that fills the unit square evenly: 1/g and 1/g² for
+/// g³ = g + 1 (M. Roberts, *The Unreasonable Effectiveness of Quasirandom
+/// Sequences*, 2018).
+const R2: DVec2 = DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3);
+
+/// Radiance that is looked up instead of gathered.
+pub(crate) trait PatchRadiance: Sync {
+    /// Radiance that leaves `position`, on a mesh's triangle seen from its
+    /// front, along the unit vector `to_eye`: what the surface reflects of the
+    /// area emitters. `None` if no patch lies there.
+    fn outgoing(&self, mesh: usize, triangle: u32, position: DVec3, to_eye: DVec3) -> Option<Vec3>;
+}
+
+/// What all rays of a picture share.
+pub(crate) struct Whitted<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) accel: &'a Accel,
+    pub(crate) patches: Option<&'a dyn PatchRadiance>,
+    pub(crate) emitters: Vec<AreaEmitter>,
+    /// Mirror and glass surfaces in a row; 0 sees none of them.
+    pub(crate) max_depth: u32,
+    /// Radiance of rays that leave the scene.
+    pub(crate) background: Vec3,
+}
+
+/// One camera ray's share of randomness, and what its tree cost.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Sample {
+    /// Where on the emitters' cells to look, in [0, 1)².
+    pub(crate) place: DVec2,
+    /// Rays cast, shadow rays included.
+    pub(crate) rays: u64,
+}
+
+/// What became of the ray so far.
+#[derive(Clone, Copy)]
+struct Branch {
+    depth: u32,
+    weight: f32,
+}
+
+impl Whitted<'_> {
+    /// Radiance that arrives at `origin` from the unit `direction`.
+    pub(crate) fn radiance(&self, origin: DVec3, direction: DVec3, sample: &mut Sample) -> Vec3 {
+        self.trace(origin, direction, Branch { depth: 0, weight: 1.0 }, sample)
+    }
+
+    fn trace(&self, origin: DVec3, direction: DVec3, branch: Branch, sample: &mut Sample) -> Vec3 {
+        sample.rays += 1;
+        let Some(hit) = self.accel.closest(origin, direction, 0.0, f64::INFINITY) else {
+            return self.background;
+        };
+        let surface = Surface::new(self.scene, &hit, -direction);
+        self.emitted(&surface, &hit)
+            + self.local(&surface, &hit, branch.depth, sample)
+            + self.secondary(&surface, direction, branch, sample)
+    }
+
+    /// Radiance that the surface itself sends to the eye, from its front only.
+    fn emitted(&self, surface: &Surface<'_>, hit: &Hit) -> Vec3 {
+        let material = surface.material;
+        if !hit.front || material.emission == Vec3::ZERO {
+            return Vec3::ZERO;
+        }
+        let lobe = material.lobe.map_or(1.0, |lobe| {
+            let matrix = self.scene.meshes[hit.mesh].transform.matrix3;
+            let peak = (matrix * lobe.peak).normalize_or_zero();
+            lobe_factor(Lobe { peak, ..lobe }, surface.to_eye)
+        });
+        material.emission
+            * textured(self.scene, material.emission_texture, surface.uv)
+            * lobe as f32
+    }
+
+    /// Radiance that the surface reflects of lights and emitters.
+    fn local(&self, surface: &Surface<'_>, hit: &Hit, depth: u32, sample: &mut Sample) -> Vec3 {
+        let mut radiance = surface.ambient(self.scene.ambient);
+        for light in &self.scene.lights {
+            radiance += surface.lit_by(light, self.accel, &mut sample.rays);
+        }
+        let patch = self.patches.filter(|_| hit.front).and_then(|patches| {
+            patches.outgoing(hit.mesh, hit.triangle, surface.position, surface.to_eye)
+        });
+        if let Some(outgoing) = patch {
+            return radiance + outgoing;
+        }
+        if surface.brdf.is_black() {
+            return radiance;
+        }
+        for (i, emitter) in self.emitters.iter().enumerate() {
+            // Another place on each emitter and at each depth.
+            let step = i as f64 + f64::from(depth) * self.emitters.len() as f64;
+            let place = (sample.place + step * R2).fract_gl();
+            radiance += emitter.illuminate(surface, place, self.accel, &mut sample.rays);
+        }
+        radiance
+    }
+
+    /// Radiance by mirror reflection and by refraction.
+    fn secondary(
+        &self,
+        surface: &Surface<'_>,
+        direction: DVec3,
+        branch: Branch,
+        sample: &mut Sample,
+    ) -> Vec3 {
+        let material = surface.material;
+        let clear = material.transmission.clamp(0.0, 1.0);
+        if clear > 0.0 {
+            let bent = Refraction::new(surface, direction);
+            let reflected = bent.fresnel as f32 * clear;
+            let mut radiance = self.follow(
+                surface,
+                reflect(surface, direction),
+                Vec3::splat(reflected),
+                branch,
+                sample,
+            );
+            if let Some(refracted) = bent.direction {
+                let weight = (1.0 - bent.fresnel as f32) * clear * surface.colour;
+                radiance += self.follow(surface, refracted, weight, branch, sample);
+            }
+            radiance
+        } else if material.mirror {
+            self.follow(surface, reflect(surface, direction), material.ks, branch, sample)
+        } else {
+            Vec3::ZERO
+        }
+    }
+
+    /// `weight` times the radiance from `direction`, unless the branch ends here.
+    fn follow(
+        &self,
+        surface: &Surface<'_>,
+        direction: DVec3,
+        weight: Vec3,
+        branch: Branch,
+        sample: &mut Sample,
+    ) -> Vec3 {
+        let next = Branch { depth: branch.depth + 1, weight: branch.weight * weight.max_element() };
+        if next.depth > self.max_depth || next.weight < MIN_WEIGHT {
+            return Vec3::ZERO;
+        }
+        let origin = self.accel.leave(surface.position, surface.geometric, direction);
+        weight * self.trace(origin, direction, next, sample)
+    }
+}
+
+/// The mirror direction. Where the interpolated normal would send it into the
+/// surface, the triangle's own normal decides.
+fn reflect(surface: &Surface<'_>, direction: DVec3) -> DVec3 {
+    let about = |normal: DVec3| (direction - 2.0 * direction.dot(normal) * normal).normalize();
+    let reflected = about(surface.normal);
+    if reflected.dot(surface.geometric) > 0.0 { reflected } else { about(surface.geometric) }
+}
+
+/// How a ray splits at a dielectric.
+struct Refraction {
+    /// The fraction reflected, for unpolarised light.
+    fresnel: f64,
+    /// Where the rest goes; `None` for total internal reflection.
+    direction: Option<DVec3>,
+}
+
+impl Refraction {
+    /// A single-sided surface bounds a solid, with glass behind its front. A
+    /// double-sided one is a thin pane: the ray goes straight on, and the two
+    /// faces together reflect 2F/(1+F).
+    ///
+    /// Departs from physics in keeping radiance as it is inside glass instead of
+    /// scaling it by η²; what goes in and comes out again is the same.
+    fn new(surface: &Surface<'_>, direction: DVec3) -> Self {
+        let ior = f64::from(surface.material.ior);
+        let thin = surface.material.double_sided;
+        let eta = if surface.front || thin { ior.recip() } else { ior };
+        let cos_i = -direction.dot(surface.normal);
+        if cos_i <= 0.0 {
+            // Past the horizon of an interpolated normal: grazing incidence.
+            return Self { fresnel: 1.0, direction: None };
+        }
+        let sin2_t = eta * eta * (1.0 - cos_i * cos_i).max(0.0);
+        if sin2_t >= 1.0 {
+            return Self { fresnel: 1.0, direction: None };
+        }
+        let cos_t = (1.0 - sin2_t).sqrt();
+        let across = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
+        let along = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
+        let fresnel = 0.5 * (across * across + along * along);
+        if thin {
+            let fresnel = 2.0 * fresnel / (1.0 + fresnel);
+            return Self { fresnel, direction: Some(direction) };
+        }
+        let bent = eta * direction + (eta * cos_i - cos_t) * surface.normal;
+        Self { fresnel, direction: bent.try_normalize() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::{Material, Mesh};
+
+    const LAMP: Vec3 = Vec3::new(2.0, 3.0, 5.0);
+
+    /// A 20 m square at height `y` that faces up or down.
+    fn square(y: f64, up: bool, material: usize) -> Mesh {
+        let corners = [[-10.0, 10.0], [10.0, 10.0], [10.0, -10.0], [-10.0, -10.0]];
+        let triangles = if up { [[0, 1, 2], [0, 2, 3]] } else { [[0, 2, 1], [0, 3, 2]] };
+        Mesh {
+            positions: corners.map(|[x, z]| DVec3::new(x, y, z)).to_vec(),
+            triangles: triangles.to_vec(),
+            material,
+            ..Mesh::default()
+        }
+    }
+
+    fn black() -> Material {
+        Material { kd: Vec3::ZERO, ..Material::default() }
+    }
+
+    /// What a ray from `eye` along `direction` finds.
+    fn seen(scene: &Scene, patches: Option<&dyn PatchRadiance>, eye: DVec3, to: DVec3) -> Vec3 {
+        let accel = Accel::new(scene);
+        let whitted = Whitted {
+            scene,
+            accel: &accel,
+            patches,
+            emitters: AreaEmitter::all(scene, 8),
+            max_depth: 8,
+            background: Vec3::new(0.25, 0.0, 0.0),
+        };
+        let mut sample = Sample { place: DVec2::splat(0.5), rays: 0 };
+        whitted.radiance(eye, to.normalize(), &mut sample)
+    }
+
+    /// A lamp at height 4 over a square of `material` at height 0.
+    fn lamp_over(material: Material) -> Scene {
+        Scene {
+            meshes: vec![square(0.0, true, 0), square(4.0, false, 1)],
+            materials: vec![material, Material { emission: LAMP, ..black() }],
+            ..Scene::default()
+        }
+    }
+
+    #[test]
+    fn mirror_shows_ks_of_what_it_reflects() {
+        let ks = Vec3::new(0.5, 0.25, 1.0);
+        let scene = lamp_over(Material { ks, mirror: true, ..black() });
+        let eye = DVec3::new(0.0, 1.0, 0.0);
+        assert_eq!(seen(&scene, None, eye, DVec3::new(1.0, -1.0, 0.0)), ks * LAMP);
+        assert_eq!(seen(&scene, None, eye, DVec3::Y), LAMP);
+        assert_eq!(seen(&scene, None, eye, DVec3::X), Vec3::new(0.25, 0.0, 0.0), "background");
+    }
+
+    #[test]
+    fn facing_mirrors_end_at_the_depth_limit() {
+        let mirror = Material { ks: Vec3::ONE, mirror: true, ..black() };
+        let mut scene = lamp_over(mirror);
+        scene.meshes[1].material = 0;
+        assert_eq!(seen(&scene, None, DVec3::Y, DVec3::Y), Vec3::ZERO);
+    }
+
+    fn glass() -> Material {
+        Material { kd: Vec3::ONE, transmission: 1.0, ior: 1.5, ..Material::default() }
+    }
+
+    /// At normal incidence F = ((η−1)/(η+1))² = 0.04 for η = 1.5.
+    #[test]
+    fn glass_reflects_and_refracts_by_fresnel() {
+        let mut scene = lamp_over(glass());
+        let from_below = seen(&scene, None, DVec3::NEG_Y, DVec3::Y);
+        // A ray from inside the solid: nothing but background is in there.
+        let expected = 0.96 * LAMP + 0.04 * Vec3::new(0.25, 0.0, 0.0);
+        assert!((from_below - expected).length() < 1e-6, "{from_below}");
+        let from_above = seen(&scene, None, DVec3::Y, DVec3::NEG_Y);
+        let expected = 0.04 * LAMP + 0.96 * Vec3::new(0.25, 0.0, 0.0);
+        assert!((from_above - expected).length() < 1e-6, "{from_above}");
+        // A thin pane reflects 2F/(1+F).
+        scene.materials[0].double_sided = true;
+        let pane = seen(&scene, None, DVec3::Y, DVec3::NEG_Y);
+        let f = 0.08 / 1.04;
+        let expected = f * LAMP + (1.0 - f) * Vec3::new(0.25, 0.0, 0.0);
+        assert!((pane - expected).length() < 1e-6, "{pane}");
+    }
+
+    /// The critical angle of η = 1.5 is 41.81°.
+    #[test]
+    fn glass_reflects_totally_beyond_the_critical_angle() {
+        let mut scene = lamp_over(glass());
+        scene.meshes.push(square(-2.0, true, 2));
+        let floor = Vec3::new(0.0, 0.0, 7.0);
+        scene.materials.push(Material { emission: floor, ..black() });
+        let from_inside = |degrees: f64| {
+            let (sin, cos) = degrees.to_radians().sin_cos();
+            seen(&scene, None, DVec3::NEG_Y, DVec3::new(sin, cos, 0.0))
+        };
+        assert_eq!(from_inside(42.0), floor);
+        let refracted = from_inside(41.0);
+        assert!(refracted.x > 0.0 && refracted.z > 5.0 * 0.5, "{refracted}");
+        // Snell: the refracted ray lands where sin t = 1.5 sin i says.
+        let sin = 1.5 * 20.0_f64.to_radians().sin();
+        let accel = Accel::new(&scene);
+        let (s, c) = 20.0_f64.to_radians().sin_cos();
+        let hit = accel
+            .closest(DVec3::NEG_Y, DVec3::new(s, c, 0.0), 0.0, 9.0)
+            .expect("the glass from inside");
+        let direction = DVec3::new(s, c, 0.0);
+        let bent = Refraction::new(&Surface::new(&scene, &hit, -direction), direction);
+        let bent = bent.direction.expect("below the critical angle");
+        assert!((bent.x - sin).abs() < 1e-12 && bent.y > 0.0, "{bent}");
+    }
+
+    /// White in a white world: glass neither adds nor takes.
+    #[test]
+    fn clear_glass_conserves_energy_in_a_uniform_world() {
+        let scene = Scene {
+            meshes: vec![square(0.0, true, 0)],
+            materials: vec![glass()],
+            ..Scene::default()
+        };
+        for x in [0.0, 0.5, 1.0, 3.0] {
+            let seen = seen(&scene, None, DVec3::Y, DVec3::new(x, -1.0, 0.2));
+            assert!((seen.x - 0.25).abs() < 1e-6, "{seen}");
+        }
+    }
+
+    struct Everywhere(Vec3);
+
+    impl PatchRadiance for Everywhere {
+        fn outgoing(&self, mesh: usize, _: u32, _: DVec3, _: DVec3) -> Option<Vec3> {
+            (mesh == 0).then_some(self.0)
+        }
+    }
+
+    #[test]
+    fn patch_replaces_area_emitters_on_its_front_and_nothing_else() {
+        let mut scene = lamp_over(Material { kd: Vec3::ONE, ..Material::default() });
+        scene.ambient = Vec3::splat(0.125);
+        let patch = Everywhere(Vec3::splat(10.0));
+        let above = DVec3::new(0.0, 1.0, 0.0);
+        assert_eq!(seen(&scene, Some(&patch), above, DVec3::NEG_Y), Vec3::splat(10.125));
+        let gathered = seen(&scene, None, above, DVec3::NEG_Y);
+        assert!(gathered.x > 0.5 * LAMP.x && gathered.x < LAMP.x + 0.125, "{gathered}");
+        let below = seen(&scene, Some(&patch), -above, DVec3::Y);
+        assert_eq!(below, Vec3::splat(0.125), "the back has no patch");
+    }
+}

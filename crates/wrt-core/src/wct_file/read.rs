@@ -1,0 +1,287 @@
+//! Bytes to [`WctFile`], believing nothing.
+
+use super::description::{
+    Basis, CHILD_MASK, COEFFICIENTS, COLOUR_SPACE, Description, NU_MASK, PatchDescription, RAW,
+    Section, UNITS,
+};
+use super::header::{ALIGN, Header};
+use super::{Patch, PatchGeometry, WctFile};
+use crate::{Error, Levels, Result, Tree};
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::io::Read as _;
+use std::path::Path;
+
+impl WctFile {
+    /// Reads the file at `path`.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`from_bytes`](Self::from_bytes), and [`Error::Io`].
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let mut file = File::open(path)?;
+        // The header first, so that something endless is not read to its end.
+        let mut bytes = Vec::with_capacity(ALIGN);
+        file.by_ref().take(ALIGN as u64).read_to_end(&mut bytes)?;
+        let header = Header::from_bytes(&bytes)?;
+        let rest = header.file_len - ALIGN as u64;
+        file.take(rest.saturating_add(1)).read_to_end(&mut bytes)?;
+        Self::from_bytes(&bytes)
+    }
+
+    /// Reads the bytes of a file. They may be anything: there is no panic, and no
+    /// more memory in use than 16 times their number.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::NotWct`], [`Error::UnsupportedVersion`] and
+    /// [`Error::Unsupported`] for what is not this build's to read,
+    /// [`Error::Truncated`] if the end is missing, and [`Error::Checksum`],
+    /// [`Error::BadField`], [`Error::Description`], [`Error::BadDescription`] and
+    /// [`Error::BadPatch`] for what no writer produces.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self> {
+        let header = Header::from_bytes(bytes)?;
+        let found = bytes.len() as u64;
+        if found < header.file_len {
+            return Err(Error::Truncated { found, needed: header.file_len });
+        }
+        if found > header.file_len {
+            return Err(Error::BadField {
+                what: "the file's length",
+                found: header.file_len.to_string(),
+                allowed: format!("{found}, as long as it is"),
+                offset: 24,
+            });
+        }
+        // The header's lengths are those of `bytes` now, and so fit usize.
+        let (text, data) = bytes[ALIGN..].split_at(header.description_len as usize);
+        if crc32fast::hash(text) != header.description_crc {
+            let what = "the description".to_owned();
+            return Err(Error::Checksum { what, offset: ALIGN as u64 });
+        }
+        let description: Description =
+            serde_json::from_slice(text).map_err(|error| Error::Description {
+                reason: error.to_string(),
+                offset: (ALIGN + offset_of(text, &error)) as u64,
+            })?;
+        description.check_conventions()?;
+        let data = Data { bytes: data, start: (ALIGN + text.len()) as u64 };
+        data.check(&description)?;
+        let mut names = BTreeSet::new();
+        let patches = description.patches.into_iter().enumerate().map(|(i, patch)| {
+            if !names.insert(patch.name.clone()) {
+                return Err(bad_patch(
+                    &patch.name,
+                    "an earlier patch has the same name",
+                    ALIGN as u64,
+                ));
+            }
+            data.patch(i, patch)
+        });
+        Ok(Self {
+            patches: patches.collect::<Result<_>>()?,
+            generator: description.generator,
+            input_hash: description.input_hash,
+            options: description.options,
+        })
+    }
+}
+
+/// Where in `text` the parser stopped.
+fn offset_of(text: &[u8], error: &serde_json::Error) -> usize {
+    let lines = text.split_inclusive(|&b| b == b'\n');
+    let before: usize = lines.take(error.line().saturating_sub(1)).map(<[u8]>::len).sum();
+    before + error.column().saturating_sub(1)
+}
+
+impl Description {
+    /// That numbers mean here what they mean to this build.
+    fn check_conventions(&self) -> Result<()> {
+        let unsupported = |what: &str, found: String, known: String| {
+            Err(Error::Unsupported { what: what.to_owned(), found, known, offset: ALIGN as u64 })
+        };
+        if self.basis != Basis::haar() {
+            let text =
+                |b: &Basis| format!("{} of order {} over {}", b.family, b.order, b.directions);
+            return unsupported("basis", text(&self.basis), text(&Basis::haar()));
+        }
+        if self.colour_space != COLOUR_SPACE {
+            return unsupported("colour_space", self.colour_space.clone(), COLOUR_SPACE.to_owned());
+        }
+        if self.units != UNITS {
+            return unsupported("units", self.units.clone(), UNITS.to_owned());
+        }
+        Ok(())
+    }
+
+    /// All sections, with where in the description each is.
+    fn sections(&self) -> impl Iterator<Item = (String, &Section)> {
+        let patches = self.patches.iter().enumerate().flat_map(|(i, patch)| {
+            patch.sections.iter().map(move |(name, section)| (path(i, name), section))
+        });
+        self.sections
+            .iter()
+            .map(|(name, section)| (format!("sections.{name}"), section))
+            .chain(patches)
+    }
+}
+
+fn path(patch: usize, section: &str) -> String {
+    format!("patches[{patch}].sections.{section}")
+}
+
+/// What follows the description.
+#[derive(Clone, Copy)]
+struct Data<'a> {
+    bytes: &'a [u8],
+    /// Where it starts in the file.
+    start: u64,
+}
+
+impl<'a> Data<'a> {
+    /// That the sections lie inside, apart from each other and undamaged, with
+    /// nothing but zeros between.
+    fn check(self, description: &Description) -> Result<()> {
+        let len = self.bytes.len() as u64;
+        let mut sections: Vec<(String, &Section)> = description.sections().collect();
+        for (path, section) in &sections {
+            let Section { offset, nbytes, .. } = **section;
+            if !offset.is_multiple_of(ALIGN as u64) {
+                return Err(bad(&format!("{path}.offset"), offset, "a multiple of 64"));
+            }
+            if offset > len {
+                return Err(bad(&format!("{path}.offset"), offset, &format!("at most {len}")));
+            }
+            if nbytes > len - offset {
+                let allowed = format!("at most {}, the rest of the file", len - offset);
+                return Err(bad(&format!("{path}.nbytes"), nbytes, &allowed));
+            }
+        }
+        sections.sort_by_key(|(_, section)| (section.offset, section.nbytes));
+        let mut end = 0;
+        for (path, section) in &sections {
+            if section.offset < end {
+                let allowed = format!("at least {end}, where another section ends");
+                return Err(bad(&format!("{path}.offset"), section.offset, &allowed));
+            }
+            self.check_zero(end, section.offset)?;
+            end = section.offset + section.nbytes;
+            if crc32fast::hash(self.slice(section)) != section.crc32 {
+                let offset = self.start + section.offset;
+                return Err(Error::Checksum { what: path.clone(), offset });
+            }
+        }
+        self.check_zero(end, len)
+    }
+
+    fn check_zero(self, from: u64, to: u64) -> Result<()> {
+        let gap = &self.bytes[from as usize..to as usize];
+        match gap.iter().position(|&b| b != 0) {
+            None => Ok(()),
+            Some(at) => Err(Error::BadField {
+                what: "a byte outside all sections",
+                found: gap[at].to_string(),
+                allowed: "0".to_owned(),
+                offset: self.start + from + at as u64,
+            }),
+        }
+    }
+
+    /// The bytes of a section that [`check`](Self::check) has passed.
+    fn slice(self, section: &Section) -> &'a [u8] {
+        &self.bytes[section.offset as usize..][..section.nbytes as usize]
+    }
+
+    /// The bytes of a section of patch `i`, once they are of the type and number
+    /// wanted.
+    fn section(
+        self,
+        (i, patch): (usize, &PatchDescription),
+        name: &str,
+        (dtype, size): (&str, u64),
+        shape: &[u64],
+    ) -> Result<&'a [u8]> {
+        let path = path(i, name);
+        let Some(section) = patch.sections.get(name) else {
+            return Err(bad(&path, "missing", "there"));
+        };
+        if section.codec != RAW {
+            return Err(Error::Unsupported {
+                what: format!("{path}.codec"),
+                found: section.codec.clone(),
+                known: RAW.to_owned(),
+                offset: ALIGN as u64,
+            });
+        }
+        if section.dtype != dtype {
+            return Err(bad(&format!("{path}.dtype"), &section.dtype, dtype));
+        }
+        if section.shape != shape {
+            let found = format!("{:?}", section.shape);
+            return Err(bad(&format!("{path}.shape"), found, &format!("{shape:?}")));
+        }
+        let needed = shape.iter().try_fold(size, |product, &n| product.checked_mul(n));
+        if needed != Some(section.nbytes) {
+            let allowed = format!("{size} for each of {shape:?}");
+            return Err(bad(&format!("{path}.nbytes"), section.nbytes, &allowed));
+        }
+        Ok(self.slice(section))
+    }
+
+    fn patch(self, i: usize, patch: PatchDescription) -> Result<Patch> {
+        let (n, c) = (patch.nodes, patch.coefficients);
+        for (what, count) in [("nodes", n), ("coefficients", c)] {
+            if count > u64::from(u32::MAX) {
+                return Err(bad(&format!("patches[{i}].{what}"), count, "below 2^32"));
+            }
+        }
+        let levels = Levels { position: patch.levels.position, direction: patch.levels.direction };
+        for (what, level) in [("position", levels.position), ("direction", levels.direction)] {
+            if level > Levels::MAX {
+                return Err(bad(&format!("patches[{i}].levels.{what}"), level, "at most 16"));
+            }
+        }
+        let child_masks = self.section((i, &patch), CHILD_MASK, ("u16", 2), &[n])?;
+        let nu_masks = self.section((i, &patch), NU_MASK, ("u16", 2), &[n])?;
+        let floats = self.section((i, &patch), COEFFICIENTS, ("f32", 4), &[c, 3])?;
+        let masks: Vec<(u16, u16)> = u16s(child_masks).zip(u16s(nu_masks)).collect();
+        let coefficients = floats.as_chunks::<12>().0.iter().map(|rgb| {
+            std::array::from_fn(|c| {
+                f32::from_le_bytes([rgb[4 * c], rgb[4 * c + 1], rgb[4 * c + 2], rgb[4 * c + 3]])
+            })
+        });
+        let offset = self.start + patch.sections[CHILD_MASK].offset;
+        let tree = Tree::from_parts(levels, patch.root, &masks, coefficients.collect())
+            .map_err(|reason| bad_patch(&patch.name, &reason, offset))?;
+        let patch = Patch {
+            polygon: PatchGeometry { vertices: patch.vertices, chart: patch.chart },
+            side: patch.side,
+            tree,
+            relative_error: patch.relative_error,
+            error_estimate: patch.error_estimate,
+            name: patch.name,
+        };
+        match patch.faults().first() {
+            Some(fault) => Err(bad_patch(&patch.name, fault, ALIGN as u64)),
+            None => Ok(patch),
+        }
+    }
+}
+
+fn u16s(bytes: &[u8]) -> impl Iterator<Item = u16> {
+    bytes.as_chunks::<2>().0.iter().map(|&b| u16::from_le_bytes(b))
+}
+
+fn bad(path: &str, found: impl std::fmt::Display, allowed: &str) -> Error {
+    Error::BadDescription {
+        path: path.to_owned(),
+        found: found.to_string(),
+        allowed: allowed.to_owned(),
+        offset: ALIGN as u64,
+    }
+}
+
+fn bad_patch(patch: &str, reason: &str, offset: u64) -> Error {
+    let (patch, reason) = (patch.to_owned(), reason.to_owned());
+    Error::BadPatch { patch, reason, offset: Some(offset) }
+}

@@ -1,0 +1,140 @@
+//! [`WctFile`] to bytes.
+
+use super::description::{
+    Basis, CHILD_MASK, COEFFICIENTS, COLOUR_SPACE, Description, LevelsDescription, NU_MASK,
+    PatchDescription, RAW, Section, UNITS,
+};
+use super::header::{ALIGN, Header};
+use super::{Patch, WctFile, write_aside};
+use crate::{Error, Result};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+impl WctFile {
+    /// The bytes of the file.
+    ///
+    /// # Panics
+    ///
+    /// If it holds what a reader would refuse: see [`check`](Self::check).
+    #[must_use]
+    pub fn to_bytes(&self) -> Vec<u8> {
+        if let Err(error) = self.check() {
+            panic!("{error}");
+        }
+        let mut data = Vec::new();
+        let patches = self.patches.iter().map(|patch| describe(patch, &mut data)).collect();
+        let description = Description {
+            basis: Basis::haar(),
+            colour_space: COLOUR_SPACE.to_owned(),
+            generator: self.generator.clone(),
+            input_hash: self.input_hash.clone(),
+            options: self.options.clone(),
+            patches,
+            sections: BTreeMap::new(),
+            units: UNITS.to_owned(),
+        };
+        let mut text =
+            serde_json::to_vec(&description).expect("strings and finite numbers are JSON");
+        text.resize(text.len().next_multiple_of(ALIGN), b' ');
+        let header = Header {
+            description_len: text.len() as u64,
+            file_len: (ALIGN + text.len() + data.len()) as u64,
+            description_crc: crc32fast::hash(&text),
+        };
+        [&header.to_bytes()[..], &text, &data].concat()
+    }
+
+    /// Writes the file beside `path` and renames it.
+    ///
+    /// # Errors
+    ///
+    /// Those of [`check`](Self::check), and [`Error::Io`]. A file that was at
+    /// `path` is then still there, and nothing beside it.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<()> {
+        self.check()?;
+        Ok(write_aside(path.as_ref(), &self.to_bytes())?)
+    }
+
+    /// Whether a reader would take it.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BadPatch`] for a patch with the name of another, a number of
+    /// vertices that its chart does not take, or a number that is not finite.
+    pub fn check(&self) -> Result<()> {
+        let mut names = BTreeSet::new();
+        for patch in &self.patches {
+            let mut reasons = patch.faults();
+            if !names.insert(&patch.name) {
+                reasons.insert(0, "an earlier patch has the same name".to_owned());
+            }
+            if let Some(reason) = reasons.into_iter().next() {
+                return Err(Error::BadPatch { patch: patch.name.clone(), reason, offset: None });
+            }
+        }
+        Ok(())
+    }
+}
+
+impl Patch {
+    /// What is wrong with it, its tree apart: a [`Tree`](crate::Tree) is sound.
+    pub(super) fn faults(&self) -> Vec<String> {
+        let mut faults = Vec::new();
+        let (fewest, most) = self.polygon.chart.vertices();
+        let found = self.polygon.vertices.len();
+        if !(fewest..=most).contains(&found) {
+            faults.push(format!("{found} vertices, where {fewest} to {most} are allowed"));
+        }
+        if !self.polygon.vertices.iter().flatten().all(|x| x.is_finite()) {
+            faults.push("a vertex is not finite".to_owned());
+        }
+        for (what, error) in
+            [("relative_error", Some(self.relative_error)), ("error_estimate", self.error_estimate)]
+        {
+            if let Some(error) = error.filter(|e| !(e.is_finite() && *e >= 0.0)) {
+                faults.push(format!("its {what} is {error}"));
+            }
+        }
+        faults
+    }
+}
+
+/// The description of `patch`, whose sections are added to `data`.
+fn describe(patch: &Patch, data: &mut Vec<u8>) -> PatchDescription {
+    let (nodes, coefficients) = (patch.tree.nodes(), patch.tree.coefficients());
+    let (n, c) = (nodes.len() as u64, coefficients.len() as u64);
+    let mut sections = BTreeMap::new();
+    let mut add = |name: &str, dtype: &str, shape: Vec<u64>, bytes: Vec<u8>| {
+        let section = Section {
+            codec: RAW.to_owned(),
+            crc32: crc32fast::hash(&bytes),
+            dtype: dtype.to_owned(),
+            nbytes: bytes.len() as u64,
+            offset: data.len() as u64,
+            shape,
+        };
+        sections.insert(name.to_owned(), section);
+        data.extend(bytes);
+        data.resize(data.len().next_multiple_of(ALIGN), 0);
+    };
+    let masks =
+        |of: fn(&crate::Node) -> u16| nodes.iter().flat_map(move |node| of(node).to_le_bytes());
+    add(CHILD_MASK, "u16", vec![n], masks(|node| node.child_mask).collect());
+    add(NU_MASK, "u16", vec![n], masks(|node| node.nu_mask).collect());
+    let floats = coefficients.iter().flatten().flat_map(|x| x.to_le_bytes());
+    add(COEFFICIENTS, "f32", vec![c, 3], floats.collect());
+    let levels = patch.tree.levels();
+    PatchDescription {
+        chart: patch.polygon.chart,
+        coefficients: c,
+        error_estimate: patch.error_estimate,
+        levels: LevelsDescription { direction: levels.direction, position: levels.position },
+        name: patch.name.clone(),
+        nodes: n,
+        relative_error: patch.relative_error,
+        root: patch.tree.root(),
+        sections,
+        side: patch.side,
+        vertices: patch.polygon.vertices.clone(),
+    }
+}
