@@ -3,6 +3,7 @@
 pub(crate) mod bake;
 pub(crate) mod fly;
 pub(crate) mod render;
+pub(crate) mod report_integrators;
 pub(crate) mod transport;
 mod view;
 

@@ -1,29 +1,15 @@
 //! `tracer report integrators`: the paper's comparison of integration methods
 //! (§7.1.4.3, Fig. 4 and 5) on several geometries and source functions.
 
+use crate::cli::Integrators;
 use crate::plot::{Curve, Plot};
 use anyhow::Context;
 use cpu_time::ThreadTime;
 use glam::{DQuat, DVec3};
-use std::{
-    fmt::Write as _,
-    fs,
-    path::{Path, PathBuf},
-};
+use std::{fmt::Write as _, fs, path::Path};
 use wrt_core::metrics::{relative_euclidean_distance, relative_maximum_departure};
 use wrt_core::transport::{Integral, Integrator, Method, Pair, Support, TransportGeometry};
 use wrt_core::{CHILDREN, Cell, Polygon, pull};
-
-/// What `tracer report integrators` takes.
-#[derive(Debug, clap::Args)]
-pub(crate) struct Args {
-    /// Folder for integrators.csv and the plots; made if it does not exist
-    #[arg(short, long, value_name = "FOLDER")]
-    output: PathBuf,
-    /// Two geometries and fewer samples: seconds instead of minutes
-    #[arg(long)]
-    quick: bool,
-}
 
 /// Level of the destination's smoothing functions: the paper's K = 16^(l_max + 1)
 /// coefficients of l_max = 1.
@@ -108,7 +94,7 @@ struct Measurement {
 }
 
 /// Measures, writes the files and prints who wins.
-pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+pub(crate) fn run(args: &Integrators) -> anyhow::Result<()> {
     let geometries = geometries()?;
     let (geometries, most, enough) =
         if args.quick { (&geometries[..2], 3, 0.05) } else { (&geometries[..], usize::MAX, 0.3) };
