@@ -37,6 +37,7 @@ const TRACER: &[&str] = &[
     "film",
     "render",
     "wct_texture",
+    "plot",
     "bake",
     "cli",
     "commands",

@@ -28,6 +28,9 @@ pub(crate) enum Command {
     Inspect(Inspect),
     /// Compute single cells of transported radiance, with their error estimates.
     Transport(Transport),
+    /// Measure the program itself.
+    #[command(subcommand)]
+    Report(Report),
 }
 
 #[derive(Debug, ClapArgs)]
@@ -176,6 +179,23 @@ pub(crate) struct Transport {
     /// Threads to use; 0 is one per core. The result does not depend on it.
     #[arg(short, long, value_name = "N", default_value_t = 0)]
     pub(crate) threads: usize,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Report {
+    /// Compare integration methods as the paper's Fig. 4 and 5 do.
+    Integrators(Integrators),
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Integrators {
+    /// Folder for integrators.csv and the plots; made if it does not exist.
+    #[arg(short, long, value_name = "FOLDER")]
+    pub(crate) output: PathBuf,
+
+    /// Two geometries and few samples: seconds instead of minutes.
+    #[arg(long)]
+    pub(crate) quick: bool,
 }
 
 /// How a picture is made, whatever it is of.
