@@ -158,6 +158,22 @@ fn without_a_file_the_scene_is_baked_first() {
     assert!(read(&with) == read(&without), "baked in memory, it looks different");
 }
 
+/// A model that nothing in it lights is still a picture, if a dark one.
+#[test]
+fn a_scene_with_nothing_to_bake_is_rendered_all_the_same() {
+    let folder = Folder::new();
+    let text = fs::read_to_string(scene("facing/facing.gltf")).expect("the scene");
+    let mut document: Value = serde_json::from_str(&text).expect("glTF is JSON");
+    for material in document["materials"].as_array_mut().expect("materials") {
+        material["emissiveFactor"] = json!([0, 0, 0]);
+    }
+    let dark = folder.path("dark.gltf");
+    fs::write(&dark, document.to_string()).expect("the edited scene");
+    let output = folder.path("a.exr");
+    succeed(&["render", &dark, "--size", "8x6", "--samples", "1", "-o", &output]);
+    assert!(Path::new(&output).exists(), "no picture");
+}
+
 #[test]
 fn radiance_of_another_scene_is_refused() {
     let folder = Folder::new();

@@ -4,8 +4,9 @@ use crate::accel::Accel;
 use crate::cli;
 use crate::film::{Display, Film, Tone};
 use crate::render::{RenderOptions, RenderStats, render};
-use crate::scene::{Camera, Scene};
+use crate::scene::{Camera, Scene, surfaces};
 use crate::wct_texture::WctTexture;
+use crate::whitted::PatchRadiance;
 use anyhow::Context as _;
 use glam::Vec3;
 use std::path::Path;
@@ -15,7 +16,8 @@ use wrt_core::WctFile;
 pub(super) struct Stage<'a> {
     pub(super) scene: Scene,
     accel: Accel,
-    texture: WctTexture,
+    /// `None` where nothing emits or nothing receives.
+    texture: Option<WctTexture>,
     view: &'a cli::View,
 }
 
@@ -27,13 +29,20 @@ impl<'a> Stage<'a> {
             Some(path) => WctFile::read(path)
                 .map_err(anyhow::Error::from)
                 .and_then(|file| WctTexture::bind(&file.patches, &scene))
+                .map(Some)
                 .with_context(|| format!("{}", path.display()))?,
+            None if surfaces::emitters(&scene).is_empty()
+                || surfaces::receivers(&scene).is_empty() =>
+            {
+                eprintln!("tracer: nothing to bake: no surface emits, or none receives");
+                None
+            }
             None => {
                 eprintln!("tracer: no --wct given: baking in memory first");
                 let options = super::bake::options(&cli::Accuracy::default());
                 let baked = super::bake::baked(&scene, &options, view.threads)
                     .with_context(|| format!("baking {}", path.display()))?;
-                WctTexture::bind(&baked.patches, &scene)?
+                Some(WctTexture::bind(&baked.patches, &scene)?)
             }
         };
         Ok(Self { accel: Accel::new(&scene), scene, texture, view })
@@ -56,7 +65,8 @@ impl<'a> Stage<'a> {
             seed: self.view.seed,
             background: Vec3::ZERO,
         };
-        render(&self.scene, &self.accel, Some(&self.texture), camera, &options, progress)
+        let patches = self.texture.as_ref().map(|texture| texture as &dyn PatchRadiance);
+        render(&self.scene, &self.accel, patches, camera, &options, progress)
     }
 
     /// Pixels across and down.
@@ -79,7 +89,7 @@ impl<'a> Stage<'a> {
 
     /// How many surfaces have wavelet radiance.
     pub(super) fn patches(&self) -> usize {
-        self.texture.len()
+        self.texture.as_ref().map_or(0, WctTexture::len)
     }
 }
 
