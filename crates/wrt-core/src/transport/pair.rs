@@ -70,13 +70,14 @@ impl<'a> Pair<'a> {
         let dests = geometry.dest().cell(dest.levels.position, [dest.m[0], dest.m[1]]);
         let dests = dests
             .iter()
-            .map(|d| d.clipped(|p| n.dot(p.extend(0.0) - origin)))
+            .map(|d| d.clipped(|p| n.dot(p.extend(0.0) - origin)).without_short_edges())
             .filter(|d| !d.is_empty())
             .collect();
         let sources = geometry.source().cell(source.levels.position, [source.m[0], source.m[1]]);
         let lift = |p| geometry.source_to_dest(p);
         let sources = sources
             .iter()
+            .map(ConvexPolygon::without_short_edges)
             .map(|s| s.edges().map(|(a, b)| (lift(a), lift(b) - lift(a))).collect())
             .filter(|s: &Vec<(DVec3, DVec3)>| s.iter().any(|(a, _)| a.z > 0.0))
             .collect();
