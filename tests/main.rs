@@ -1,3 +1,4 @@
 //! Integration tests.
 
+mod transport;
 mod wct_file;

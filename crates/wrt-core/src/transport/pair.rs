@@ -144,6 +144,22 @@ impl<'a> Pair<'a> {
     pub fn area(&self, mu: DVec3) -> f64 {
         let chart = self.geometry.dest().chart();
         let mut sum = 0.0;
+        self.overlaps(mu, |overlap| sum += chart.area(overlap));
+        sum
+    }
+
+    /// The length of the border of the overlap whose area is [`area`](Self::area),
+    /// in the dest's plane.
+    #[must_use]
+    pub fn border(&self, mu: DVec3) -> f64 {
+        let mut sum = 0.0;
+        self.overlaps(mu, |overlap| {
+            sum += overlap.edges().map(|(a, b)| a.distance(b)).sum::<f64>();
+        });
+        sum
+    }
+
+    fn overlaps(&self, mu: DVec3, mut each: impl FnMut(&ConvexPolygon)) {
         for source in &self.sources {
             for dest in &self.dests {
                 let mut overlap = *dest;
@@ -156,11 +172,10 @@ impl<'a> Pair<'a> {
                     }
                 }
                 if !overlap.is_empty() {
-                    sum += chart.area(&overlap);
+                    each(&overlap);
                 }
             }
         }
-        sum
     }
 
     /// Whether light arriving from `mu` leaves the source within its direction
