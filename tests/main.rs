@@ -1,4 +1,11 @@
 //! Integration tests.
 
+mod bake;
+mod cli;
+mod interaction;
+mod layering;
+mod paper;
+mod render;
+mod support;
 mod transport;
 mod wct_file;

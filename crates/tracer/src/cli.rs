@@ -24,8 +24,13 @@ pub(crate) enum Command {
     Render(Render),
     /// Render the pictures of a camera's flight.
     Fly(Fly),
+    /// Show what a .wct file holds, as a table, as JSON or as pictures.
+    Inspect(Inspect),
     /// Compute single cells of transported radiance, with their error estimates.
     Transport(Transport),
+    /// Measure the program itself.
+    #[command(subcommand)]
+    Report(Report),
 }
 
 #[derive(Debug, ClapArgs)]
@@ -55,10 +60,11 @@ pub(crate) struct Bake {
 pub(crate) struct Accuracy {
     /// Level of position and direction: 2^L cells along each of u, v, κ, λ.
     ///
-    /// Time and memory grow up to 16-fold for each level.
-    #[arg(long, value_name = "L", default_value_t = 5,
-          value_parser = clap::value_parser!(u8).range(..=7))]
-    pub(crate) level: u8,
+    /// Time and memory grow up to 16-fold for each level. If not given: 4 for
+    /// position and 6 for direction, which is as many cells as level 5 where
+    /// reflected light needs them.
+    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u8).range(..=7))]
+    pub(crate) level: Option<u8>,
 
     /// Another level for direction (κ, λ) than for position.
     #[arg(long, value_name = "L", value_parser = clap::value_parser!(u8).range(..=8))]
@@ -74,7 +80,7 @@ pub(crate) struct Accuracy {
     pub(crate) compress: Option<f64>,
 
     /// Directions sampled along each side of a direction cell.
-    #[arg(long, value_name = "N", default_value_t = 4,
+    #[arg(long, value_name = "N", default_value_t = 8,
           value_parser = clap::value_parser!(u32).range(1..=64))]
     pub(crate) samples: u32,
 
@@ -88,6 +94,14 @@ pub(crate) struct Accuracy {
     #[arg(long, value_name = "N", default_value_t = 64,
           value_parser = clap::value_parser!(u32).range(..=100_000))]
     pub(crate) checks: u32,
+}
+
+impl Accuracy {
+    /// The levels of position and of direction.
+    pub(crate) fn levels(&self) -> (u8, u8) {
+        let position = self.level.unwrap_or(4);
+        (position, self.direction_level.or(self.level).unwrap_or(6))
+    }
 }
 
 impl Default for Accuracy {
@@ -167,6 +181,23 @@ pub(crate) struct Transport {
     pub(crate) threads: usize,
 }
 
+#[derive(Debug, Subcommand)]
+pub(crate) enum Report {
+    /// Compare integration methods as the paper's Fig. 4 and 5 do.
+    Integrators(Integrators),
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Integrators {
+    /// Folder for integrators.csv and the plots; made if it does not exist.
+    #[arg(short, long, value_name = "FOLDER")]
+    pub(crate) output: PathBuf,
+
+    /// Two geometries and few samples: seconds instead of minutes.
+    #[arg(long)]
+    pub(crate) quick: bool,
+}
+
 /// How a picture is made, whatever it is of.
 #[derive(Debug, ClapArgs)]
 pub(crate) struct View {
@@ -209,6 +240,38 @@ pub(crate) struct View {
     /// Another seed gives another noise, where there is any.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) seed: u64,
+}
+
+/// What to print and draw.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Inspect {
+    /// File to read.
+    pub(crate) file: PathBuf,
+
+    /// Only this patch.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) patch: Option<String>,
+
+    /// Print JSON instead of a table.
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    /// Draw the radiance in all directions: a matrix of position images, κ to the
+    /// right and λ up, as .png or .exr.
+    ///
+    /// Patches that tile a rectangle are drawn together; else, the one with the
+    /// most energy.
+    #[arg(long, value_name = "FILE", help_heading = "Pictures")]
+    pub(crate) matrix: Option<PathBuf>,
+
+    /// Draw the 4 × 4 brightest neighbouring directions, enlarged.
+    #[arg(long, value_name = "FILE", help_heading = "Pictures")]
+    pub(crate) detail: Option<PathBuf>,
+
+    /// Exposure of a .png, in stops; if not given, all but the brightest 1 % of
+    /// the pixels that are not black are below white.
+    #[arg(long, value_name = "STOPS", allow_negative_numbers = true, help_heading = "Pictures")]
+    pub(crate) exposure: Option<f32>,
 }
 
 /// How radiance is fitted to a display.

@@ -1,17 +1,17 @@
 //! Linear pixels, and the files they become: OpenEXR as they are, PNG through
 //! exposure, tone curve and sRGB.
 
-use anyhow::{Context as _, anyhow, bail};
+use anyhow::{Context as _, bail};
 use exr::prelude::{
     Encoding, Image, Layer, LayerAttributes, SpecificChannels, Text, WritableImage,
 };
 use glam::{Mat3, Vec3};
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 use std::{
-    fs,
-    io::{Cursor, Write as _},
+    io::Cursor,
     path::{Path, PathBuf},
 };
+use wrt_core::wct_file::write_aside;
 
 /// A picture in linear Rec. 709 radiance, rows from the top.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,7 +86,7 @@ impl Film {
             Format::Exr => self.exr(),
         };
         bytes
-            .and_then(|bytes| write_aside(path, &bytes))
+            .and_then(|bytes| Ok(write_aside(path, &bytes)?))
             .with_context(|| format!("writing {}", path.display()))
     }
 
@@ -121,23 +121,6 @@ impl Film {
         Image::from_layer(layer).write().non_parallel().to_buffered(&mut file)?;
         Ok(file.into_inner())
     }
-}
-
-/// Writes a file that is either complete or, after an error, as it was: under a
-/// temporary name in the same folder, then renamed.
-pub(crate) fn write_aside(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    let name = path.file_name().ok_or_else(|| anyhow!("not a file name"))?.to_string_lossy();
-    let aside = folder_of(path).join(format!(".{name}.{}.part", std::process::id()));
-    let written = fs::File::create(&aside).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&aside, path)
-    });
-    if written.is_err() {
-        // The first error is the one to report; this file may not even exist.
-        drop(fs::remove_file(&aside));
-    }
-    Ok(written?)
 }
 
 fn folder_of(path: &Path) -> PathBuf {
@@ -230,6 +213,7 @@ fn srgb8(colour: Vec3) -> [u8; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::fs;
 
     fn gradient() -> Film {
         let pixels = (0..35).map(|i| Vec3::new(i as f32 * 0.1, 1.0 / 3.0, 1e-6)).collect();

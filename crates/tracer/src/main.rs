@@ -8,6 +8,7 @@ mod commands;
 mod emitters;
 mod film;
 mod phong;
+mod plot;
 mod render;
 mod scene;
 mod wct_texture;
@@ -32,6 +33,10 @@ fn run(args: &cli::Args) -> anyhow::Result<()> {
         cli::Command::Bake(args) => commands::bake::run(args),
         cli::Command::Render(args) => commands::render::run(args),
         cli::Command::Fly(args) => commands::fly::run(args),
+        cli::Command::Inspect(args) => commands::inspect::run(args),
+        cli::Command::Report(report) => match report {
+            cli::Report::Integrators(args) => commands::report_integrators::run(args),
+        },
         cli::Command::Transport(args) => commands::transport::run(args),
     }
 }

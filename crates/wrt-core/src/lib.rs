@@ -1,4 +1,34 @@
-//! Wavelet radiative transfer.
+//! Wavelet radiative transfer: radiance as 4-D wavelet coefficients, moved between
+//! polygons and reflected by them.
+//!
+//! Follows R. R. Lewis and A. Fournier, *Wavelet Radiative Transfer and Surface
+//! Interaction*, Eurographics 2002, called "the paper" throughout; `§7.1.4` and
+//! `Eq. 21` without a source are its section and equation numbers.
+//!
+//! # The flow
+//!
+//! [`Emission`] → [`transport`] → [`reflect`] → [`Tree`] → [`WctFile`] →
+//! [`Sampler`]: what leaves a window, what arrives on a floor, what the floor
+//! reflects, its coefficients, kept, and looked up by a raytracer.
+//!
+//! # Notation
+//!
+//! | paper | here | meaning | range, unit |
+//! |---|---|---|---|
+//! | u, v | `u`, `v` | position on a polygon | `[0, 1]` |
+//! | κ, λ | [`Nusselt`] | direction: (μx + 1)/2, (μy + 1)/2 | `[0, 1]`, inside the UDC |
+//! | ν, l, **m** | [`WaveletIndex`] | which basis function | ν `0..16`, m `0..2^l` |
+//! | L | radiance | per channel, linear Rec. 709 | W m⁻² sr⁻¹ |
+//! | E, Φ | irradiance, flux | 4 ∬ L dκ dλ, ∬ E dA | W m⁻², W |
+//! | T_jk | [`transport_coefficient`](transport::transport_coefficient) | source function j to destination function k | |
+//! | UDC | unit directional circle | the disc that the hemisphere fills in (κ, λ) | |
+//!
+//! # Conventions
+//!
+//! World space is right-handed, in metres. A polygon's frame (x̂, ŷ, n̂) is
+//! orthonormal and n̂ is its emitting or receiving side. Directions point *away*
+//! from the surface: incident ones to where the light comes from, outgoing ones to
+//! the eye. Computation is in f64, coefficients are stored in f32.
 
 mod chart;
 mod convex;

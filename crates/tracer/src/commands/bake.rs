@@ -45,14 +45,12 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
 
 /// The options that the accuracy flags ask for.
 pub(crate) fn options(accuracy: &cli::Accuracy) -> BakeOptions {
-    let levels = Levels {
-        position: accuracy.level,
-        direction: accuracy.direction_level.unwrap_or(accuracy.level),
-    };
+    let (position, direction) = accuracy.levels();
+    let levels = Levels { position, direction };
     let full = levels.positions() * levels.directions();
     BakeOptions {
         levels,
-        emission_level: (accuracy.level + 1).max(6),
+        emission_level: (position + 1).max(6),
         transport: match accuracy.recursion {
             Some(method) => Transport::Recursion(method),
             None => Transport::Block(BlockOptions { samples: accuracy.samples }),

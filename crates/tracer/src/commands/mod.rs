@@ -2,7 +2,9 @@
 
 pub(crate) mod bake;
 pub(crate) mod fly;
+pub(crate) mod inspect;
 pub(crate) mod render;
+pub(crate) mod report_integrators;
 pub(crate) mod transport;
 mod view;
 

@@ -36,20 +36,22 @@ pub fn reflect(incident: &Grid, phong: &Phong, lobe: Option<&LobeMatrix>) -> Gri
         .iter()
         .map(|e| std::array::from_fn(|c| e[c] * phong.kd[c] * std::f64::consts::FRAC_1_PI))
         .collect();
-    let lit: Vec<Option<Vec<f32>>> = (0..incident.levels().directions())
-        .map(|s| {
-            let (image, scale) = incident.slice(s)?;
-            Some(incident.images()[image].iter().flatten().map(|x| x * scale).collect())
-        })
-        .collect();
+    let lit: Vec<usize> =
+        (0..incident.levels().directions()).filter(|&s| incident.slice(s).is_some()).collect();
+    let light = |&s: &usize| -> Vec<f32> {
+        let (image, scale) = incident.slice(s).unwrap_or_default();
+        incident.images()[image].iter().flatten().map(|x| x * scale).collect()
+    };
+    let rows = lobe.map(|lobe| lobe.rows(&lit));
+    let light: Vec<Vec<f32>> =
+        if rows.is_some() { lit.iter().map(light).collect() } else { vec![] };
     let image = |(r, fraction): (usize, f64)| -> Option<Vec<Rgb>> {
         if fraction == 0.0 {
             return None;
         }
         let mut specular = vec![0.0_f32; 3 * levels.positions()];
-        for &(s, weight) in lobe.map_or(&[][..], |lobe| lobe.row(r)) {
-            let Some(light) = &lit[s as usize] else { continue };
-            for (sum, light) in specular.iter_mut().zip(light) {
+        for &(s, weight) in rows.as_ref().map_or(&[][..], |rows| &rows[r]) {
+            for (sum, light) in specular.iter_mut().zip(&light[s as usize]) {
                 *sum += weight * light;
             }
         }
@@ -126,10 +128,11 @@ mod tests {
     /// (up to the weights 4 Δκ Δλ of the cell summed over).
     #[test]
     fn reflection_is_reciprocal() {
-        let forth = LobeMatrix::phong(20.0, 3, 3);
+        let all: Vec<usize> = (0..64).collect();
+        let rows = LobeMatrix::phong(20.0, 3, 3).rows(&all);
         for r in 0..64 {
-            for &(s, weight) in forth.row(r) {
-                let back = forth.row(s as usize).iter().find(|(i, _)| *i as usize == r);
+            for &(s, weight) in &rows[r] {
+                let back = rows[s as usize].iter().find(|(i, _)| *i as usize == r);
                 let back = back.map_or(0.0, |b| b.1);
                 assert!((weight - back).abs() <= 1e-6 * weight, "{r} {s}: {weight} {back}");
             }

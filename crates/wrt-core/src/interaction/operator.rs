@@ -4,18 +4,21 @@
 use super::phong::lobe;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// A lobe of k_s = 1 between the direction cells of two levels, sparse.
 ///
 /// Entry (r, s) is 4 Δκ Δλ × the mean of f over the cells r and s, each over its
 /// part inside the UDC: the weight of incident cell s in reflected cell r.
 /// It belongs to an exponent, not to a material's colours, nor to a tile.
-#[derive(Clone, Debug)]
+/// Columns are computed when light first arrives from their cell.
+#[derive(Debug)]
 pub struct LobeMatrix {
-    incident: u8,
-    outgoing: u8,
-    /// Per reflected cell (κ fastest): incident cells and weights.
-    rows: Vec<Vec<(u32, f32)>>,
+    exponent: f64,
+    incident: (u8, Vec<DirectionCell>),
+    outgoing: (u8, Vec<DirectionCell>),
+    /// Per incident cell: reflected cells (κ fastest), increasing, and weights.
+    columns: Vec<OnceLock<Vec<(u32, f32)>>>,
 }
 
 /// Weights below this fraction of the lobe's peak are left out: their sum over
@@ -27,50 +30,60 @@ impl LobeMatrix {
     /// `incident` and of level `outgoing`.
     #[must_use]
     pub fn phong(exponent: f64, incident: u8, outgoing: u8) -> Self {
-        // Enough points a side that the lobe, 1/√n wide, is resolved within a cell.
+        // The midpoint rule's error within a cell is (width² n)/24 for points
+        // 1/√n wide: points a side until that is below 3·10⁻³, where it can be.
         let points = |level: u8| {
             let width = 2.0 / f64::from(1_u32 << level);
-            (2.0 * width * exponent.max(1.0).sqrt()).ceil().clamp(2.0, 8.0) as u32
+            (4.0 * width * exponent.max(1.0).sqrt()).ceil().clamp(1.0, 8.0) as u32
         };
-        let from = cells(incident, points(incident));
-        let to = cells(outgoing, points(outgoing));
-        // The least cosine that counts, less how far a cell's points can lie from
-        // its centre; a sharp lobe thus meets few cells.
-        let least = NEGLIGIBLE.powf(1.0 / exponent.max(1e-3));
-        let rows = to
-            .par_iter()
-            .map(|r| {
-                let near = from.iter().enumerate().filter(|(_, s)| r.may_meet(s, least));
-                near.filter_map(|(i, s)| {
-                    let weight = s.weight * r.mean_lobe(s, exponent);
-                    (weight > 0.0).then_some((i as u32, weight as f32))
-                })
-                .collect()
-            })
-            .collect();
-        Self { incident, outgoing, rows }
+        let cells = |level| (level, cells(level, points(level)));
+        let (incident, outgoing) = (cells(incident), cells(outgoing));
+        let columns = incident.1.iter().map(|_| OnceLock::new()).collect();
+        Self { exponent, incident, outgoing, columns }
     }
 
     /// The level of the incident direction cells.
     #[must_use]
     pub fn incident_level(&self) -> u8 {
-        self.incident
+        self.incident.0
     }
 
     /// The level of the reflected direction cells.
     #[must_use]
     pub fn outgoing_level(&self) -> u8 {
-        self.outgoing
+        self.outgoing.0
     }
 
-    /// The incident cells that reflected cell `r` takes light from, with weights.
+    /// Per reflected cell: those incident cells among `lit` (increasing) that it
+    /// takes light from, as positions in `lit`, and their weights.
     #[must_use]
-    pub fn row(&self, r: usize) -> &[(u32, f32)] {
-        &self.rows[r]
+    pub fn rows(&self, lit: &[usize]) -> Vec<Vec<(u32, f32)>> {
+        let columns: Vec<&Vec<(u32, f32)>> =
+            lit.par_iter().map(|&s| self.columns[s].get_or_init(|| self.column(s))).collect();
+        let mut rows = vec![Vec::new(); self.outgoing.1.len()];
+        for (i, column) in columns.iter().enumerate() {
+            for &(r, weight) in *column {
+                rows[r as usize].push((i as u32, weight));
+            }
+        }
+        rows
+    }
+
+    fn column(&self, s: usize) -> Vec<(u32, f32)> {
+        let from = &self.incident.1[s];
+        // The least cosine that counts: a sharp lobe meets few cells.
+        let least = NEGLIGIBLE.powf(1.0 / self.exponent.max(1e-3));
+        let to = self.outgoing.1.iter().enumerate().filter(|(_, r)| r.may_meet(from, least));
+        to.filter_map(|(i, r)| {
+            let weight = (from.weight * r.mean_lobe(from, self.exponent)) as f32;
+            (weight > 0.0).then_some((i as u32, weight))
+        })
+        .collect()
     }
 }
 
 /// A direction cell as sample directions inside the UDC.
+#[derive(Debug)]
 struct DirectionCell {
     directions: Vec<DVec3>,
     /// A direction within the cell and the greatest angle to any of the others.

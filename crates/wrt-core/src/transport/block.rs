@@ -66,7 +66,7 @@ pub struct BlockOptions {
 
 impl Default for BlockOptions {
     fn default() -> Self {
-        Self { samples: 4 }
+        Self { samples: 8 }
     }
 }
 

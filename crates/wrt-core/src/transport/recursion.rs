@@ -81,7 +81,7 @@ fn smoothing(pair: &Pair<'_>, options: &RecursionOptions<'_>, counts: &mut Count
 /// destination tree of `levels`, whose top level is 0.
 ///
 /// Walks the source tree to its constant cells and carries each to the
-/// destination by [`propagate`](Recursion::propagate). Slow, adaptive, and what
+/// destination by `tc_propagate`. Slow, adaptive, and what
 /// [`transport_block`](super::transport_block) is measured against.
 #[must_use]
 pub fn transport_tree(

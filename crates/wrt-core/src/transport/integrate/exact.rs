@@ -6,7 +6,7 @@ use super::{Integral, Integrator};
 use glam::{DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Integrates between [`events`], where the integrand is analytic.
+/// Integrates between its events (kinks and jumps), where the integrand is analytic.
 ///
 /// With μ = (sinθ, cosθ sinφ, cosθ cosφ) the rim's square root disappears:
 /// 4 dκ dλ = cos²θ cosφ dθ dφ. The outer variable θ is cut wherever events cross

@@ -1,7 +1,7 @@
 //! Integration methods by name.
 
 use super::{
-    Degree, Dimensions, Integral, Integrator, MonteCarlo, QuasiRandom, Romberg, Sequence,
+    Degree, Dimensions, Exact, Integral, Integrator, MonteCarlo, QuasiRandom, Romberg, Sequence,
     Trapezoidal,
 };
 use crate::{Error, Result, transport::Pair};
@@ -19,6 +19,7 @@ use std::{fmt, str::FromStr};
 /// | `halton2d:n`, `halton4d:n` | n, a multiple of 4 |
 /// | `hammersley2d:n`, `hammersley4d:n` | n ≥ 14 |
 /// | `sobol2d:n`, `sobol4d:n` | n ≥ 8, a power of two |
+/// | `exact:1e-9` | instead of a count, the relative error asked for, within (0, 1) |
 ///
 /// ```
 /// use wrt_core::transport::{Integrator, Method};
@@ -39,6 +40,8 @@ pub enum Method {
     MonteCarlo(MonteCarlo),
     /// Samples of low discrepancy.
     QuasiRandom(QuasiRandom),
+    /// Gauss rules between the kinks.
+    Exact(Exact),
 }
 
 impl Method {
@@ -46,7 +49,7 @@ impl Method {
     pub const SEED: u64 = 2002;
 
     /// Every name, without `:` and the count.
-    pub const NAMES: [&'static str; 16] = [
+    pub const NAMES: [&'static str; 17] = [
         "trapezoid2d",
         "trapezoid4d",
         "visible2d",
@@ -63,6 +66,7 @@ impl Method {
         "hammersley4d",
         "sobol2d",
         "sobol4d",
+        "exact",
     ];
 
     fn integrator(&self) -> &dyn Integrator {
@@ -71,6 +75,7 @@ impl Method {
             Self::Romberg(rule) => rule,
             Self::MonteCarlo(rule) => rule,
             Self::QuasiRandom(rule) => rule,
+            Self::Exact(rule) => rule,
         }
     }
 }
@@ -99,9 +104,15 @@ impl FromStr for Method {
             found: name.to_owned(),
             known: "trapezoid, montecarlo, stratified, halton, hammersley or sobol, then 2d or 4d; \
                     visible2d; romberg-linear2d, -quadratic2d or -cubic2d; then a colon and the \
-                    samples, as in halton4d:1024",
+                    samples, as in halton4d:1024; or exact and a tolerance below 1, as in \
+                    exact:1e-9",
         };
         let (rule, samples) = name.split_once(':').ok_or_else(unknown)?;
+        if rule == "exact" {
+            let tolerance: f64 = samples.parse().map_err(|_| unknown())?;
+            let fits = tolerance > 0.0 && tolerance < 1.0;
+            return fits.then_some(Self::Exact(Exact { tolerance })).ok_or_else(unknown);
+        }
         let samples = samples.parse().map_err(|_| unknown())?;
         let (rule, dimensions) = if let Some(rule) = rule.strip_suffix("2d") {
             (rule, Dimensions::Two)
@@ -138,13 +149,14 @@ mod tests {
     use super::*;
 
     /// 4097 and 65 for grids, a fourth power for strata, a power of two for nets.
-    fn samples(name: &str) -> u32 {
+    fn samples(name: &str) -> &'static str {
         match name {
-            "trapezoid4d" => 17,
+            "exact" => "1e-6",
+            "trapezoid4d" => "17",
             name if name.starts_with("trap") || name.starts_with("rom") || name == "visible2d" => {
-                65
+                "65"
             }
-            _ => 1 << 12,
+            _ => "4096",
         }
     }
 

@@ -1,6 +1,10 @@
 //! Romberg integration over direction (§7.1.4.2).
 
-use super::{Dimensions, Integral, Integrator, sampling::Samples, trapezoidal::nested};
+use super::{
+    Dimensions, Integral, Integrator,
+    sampling::Samples,
+    trapezoidal::{hidden, nested},
+};
 use crate::{Error, Result, transport::Pair};
 
 /// How far the trapezoidal results are extrapolated.
@@ -78,7 +82,7 @@ impl Integrator for Romberg {
             Degree::Quadratic => extrapolate(nested::<3>(&mut samples, Dimensions::Two, intervals)),
             Degree::Cubic => extrapolate(nested::<4>(&mut samples, Dimensions::Two, intervals)),
         };
-        samples.integral(mean, error)
+        samples.integral(mean, error, hidden(intervals))
     }
 }
 

@@ -1,7 +1,7 @@
 //! What every sampling rule shares: which form of the integral it samples, and
 //! what its samples say of T_jk.
 
-use super::Integral;
+use super::{Integral, visible::visible_box};
 use crate::transport::Pair;
 
 /// Which form of the integral of T_jk is sampled (§7.1.4.1).
@@ -99,13 +99,15 @@ impl<'a> Samples<'a> {
 
     /// T_jk from the integrand's estimated mean and the error of that.
     ///
-    /// Samples that all agree have an error estimate of 0 by any rule. But n of
-    /// them that agree leave room for a 1/n of the cell where the integrand is
-    /// anything up to its bound, so no less than that is reported.
-    pub(super) fn integral(&self, mean: f64, error: f64) -> Integral {
+    /// Samples that all agree have an error estimate of 0 by any rule. But the part
+    /// `hidden` of the cell may still have any value up to the integrand's bound,
+    /// so no less than that is reported; none of it if the visible box is empty.
+    pub(super) fn integral(&self, mean: f64, error: f64, hidden: f64) -> Integral {
         let measure = self.dimensions.measure(self.pair) * self.extent[0] * self.extent[1];
         let unseen = if self.least == self.greatest {
-            self.dimensions.bound(self.pair) / self.count as f64
+            let area = |[low, high]: [[f64; 2]; 2]| (high[0] - low[0]) * (high[1] - low[1]);
+            let room = visible_box(self.pair).map_or(0.0, area) / (self.extent[0] * self.extent[1]);
+            self.dimensions.bound(self.pair) * hidden.min(room)
         } else {
             0.0
         };

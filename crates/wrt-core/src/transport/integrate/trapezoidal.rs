@@ -64,9 +64,20 @@ impl Integrator for Trapezoidal {
             Samples::new(self.dimensions, pair)
         };
         let [fine, coarse] = nested(&mut samples, self.dimensions, self.per_side - 1);
-        samples.integral(fine, (fine - coarse).abs())
+        samples.integral(fine, (fine - coarse).abs(), hidden(self.per_side - 1))
     }
 }
+
+/// What part of the cell can hide from a regular grid: the slab between two of its
+/// planes.
+pub(super) fn hidden(intervals: u32) -> f64 {
+    1.0 / f64::from(intervals)
+}
+
+/// How far the grid's ends stay inside the cell. The source's cells are half open:
+/// where their borders are the destination's too, a closed rule would take the
+/// value beyond for the one within, and be of first order for no other reason.
+const INSET: f64 = 1e-9;
 
 /// Trapezoidal means with `intervals`, `intervals` / 2, … `intervals` / 2^(N−1)
 /// intervals a side, from one pass over the finest grid.
@@ -75,34 +86,54 @@ pub(super) fn nested<const N: usize>(
     dimensions: Dimensions,
     intervals: u32,
 ) -> [f64; N] {
-    let count = dimensions.count();
+    let node = |i: u32| Node {
+        x: INSET + (1.0 - 2.0 * INSET) * f64::from(i) / f64::from(intervals),
+        weight: if i == 0 || i == intervals { 0.5 } else { 1.0 },
+        grids: (i.trailing_zeros() as usize + 1).min(N),
+    };
+    let nodes: Vec<Node> = (0..=intervals).map(node).collect();
     let mut sums = [0.0; N];
-    let mut index = [0_u32; 4];
-    'grid: loop {
-        let x = index.map(|i| f64::from(i) / f64::from(intervals));
-        let ends = index[..count].iter().filter(|&&i| i == 0 || i == intervals).count();
-        let value = samples.at(x) * 0.5_f64.powi(ends as i32);
-        // A point is on the grids whose stride divides all its indices; 0 has 32
-        // trailing zeros.
-        let coarsest = index[..count].iter().map(|i| i.trailing_zeros()).min().unwrap_or(0);
-        for sum in sums.iter_mut().take(coarsest as usize + 1) {
-            *sum += value;
-        }
-        for i in &mut index[..count] {
-            if *i < intervals {
-                *i += 1;
-                continue 'grid;
-            }
-            *i = 0;
-        }
-        break;
-    }
+    let d = dimensions.count() - 1;
+    sweep(samples, &nodes, d, Node { x: 0.0, weight: 1.0, grids: N }, &mut [0.0; 4], &mut sums);
     let mut side = f64::from(intervals);
     for sum in &mut sums {
-        *sum /= side.powi(count as i32);
+        *sum /= side.powi(dimensions.count() as i32);
         side *= 0.5;
     }
     sums
+}
+
+/// A coordinate of the finest grid.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    x: f64,
+    weight: f64,
+    /// How many of the grids have it.
+    grids: usize,
+}
+
+/// Adds the samples over dimensions 0 to `d`, the others being at `x`; `outer`
+/// has their weight together, and the grids that have all of them.
+fn sweep(
+    samples: &mut Samples<'_>,
+    nodes: &[Node],
+    d: usize,
+    outer: Node,
+    x: &mut [f64; 4],
+    sums: &mut [f64],
+) {
+    for node in nodes {
+        x[d] = node.x;
+        let (weight, grids) = (outer.weight * node.weight, outer.grids.min(node.grids));
+        if d > 0 {
+            sweep(samples, nodes, d - 1, Node { weight, grids, ..*node }, x, sums);
+            continue;
+        }
+        let value = weight * samples.at(*x);
+        for sum in &mut sums[..grids] {
+            *sum += value;
+        }
+    }
 }
 
 #[cfg(test)]

@@ -1,0 +1,87 @@
+//! The command line: exit codes and the words a user sees.
+
+use crate::support::{Folder, fail, repository, scene, succeed, tracer};
+use std::fs;
+
+#[test]
+fn help_lists_the_commands_and_version_the_version() {
+    let help = succeed(&["--help"]);
+    for command in ["  bake ", "  render ", "  fly "] {
+        assert!(help.contains(command), "no{command}in\n{help}");
+    }
+    assert_eq!(succeed(&["--version"]), concat!("tracer ", env!("CARGO_PKG_VERSION"), "\n"));
+    let nothing = tracer(&[]);
+    assert_eq!(nothing.status.code(), Some(2), "{nothing:?}");
+    assert!(String::from_utf8_lossy(&nothing.stderr).contains("Usage: tracer"), "{nothing:?}");
+}
+
+#[test]
+fn a_bad_scene_is_named_with_the_reason() {
+    let folder = Folder::new();
+    let output = folder.path("a.wct");
+    let bake = |path: &str| fail(1, &["bake", path, "-o", &output]);
+    let missing = folder.path("missing.gltf");
+    let complaint = bake(&missing);
+    assert!(complaint.starts_with(&format!("tracer: reading {missing}: ")), "{complaint}");
+    let toml = repository("Cargo.toml");
+    let complaint = bake(&toml);
+    assert!(complaint.contains("Cargo.toml: not a scene this program reads"), "{complaint}");
+    let broken = folder.path("broken.gltf");
+    fs::write(&broken, "{ \"asset\": ").expect("a file");
+    let complaint = bake(&broken);
+    assert!(complaint.starts_with("tracer: ") && complaint.contains(&broken), "{complaint}");
+    assert_eq!(complaint.lines().count(), 1, "one line: {complaint}");
+    assert_eq!(folder.names(), ["broken.gltf"], "nothing written");
+}
+
+#[test]
+fn what_is_not_a_wct_file_is_refused() {
+    let folder = Folder::new();
+    let (facing, output) = (scene("facing/facing.gltf"), folder.path("a.png"));
+    let render = |wct: &str| fail(1, &["render", &facing, "--wct", wct, "-o", &output]);
+    let complaint = render(&repository("Cargo.toml"));
+    assert!(complaint.contains("Cargo.toml: not a .wct file"), "{complaint}");
+    let wct = folder.path("f.wct");
+    succeed(&["bake", &facing, "--level", "1", "-o", &wct]);
+    let bytes = fs::read(&wct).expect("just written");
+    fs::write(&wct, &bytes[..bytes.len() / 2]).expect("a shorter file");
+    let complaint = render(&wct);
+    assert!(complaint.contains("f.wct: the file ends at byte"), "{complaint}");
+    let complaint = render(&folder.path("missing.wct"));
+    assert!(complaint.contains("missing.wct: "), "{complaint}");
+    assert_eq!(folder.names(), ["f.wct"], "no picture");
+}
+
+/// Before the scene is read: what cannot be written is not worth the work.
+#[test]
+fn an_output_that_cannot_be_is_refused_at_once() {
+    let folder = Folder::new();
+    let render = |name: &str| fail(1, &["render", "no.gltf", "-o", &folder.path(name)]);
+    let complaint = render("a.jpg");
+    assert!(complaint.ends_with("a.jpg: name it .png or .exr\n"), "{complaint}");
+    let complaint = render("no/a.png");
+    assert!(complaint.ends_with("no does not exist\n"), "{complaint}");
+    let complaint = fail(1, &["fly", "no.gltf", "-o", &folder.path("a.png")]);
+    assert!(complaint.contains("put one row of #"), "{complaint}");
+}
+
+#[test]
+fn options_out_of_range_are_usage_errors() {
+    let render = |option: &str| fail(2, &["render", "a.gltf", "-o", "a.png", option]);
+    for size in ["12", "0x3", "axb", "-1x4", "99999x99999"] {
+        let complaint = render(&format!("--size={size}"));
+        assert!(complaint.contains(&format!("invalid value '{size}'")), "{complaint}");
+        assert!(complaint.contains("must be WIDTHxHEIGHT in pixels"), "{complaint}");
+    }
+    render("--samples=0");
+    let bake = |options: &[&str]| fail(2, &[&["bake", "a.gltf", "-o", "a.wct"], options].concat());
+    bake(&["--level", "8"]);
+    bake(&["--compress", "1"]);
+    bake(&["--threshold", "-1"]);
+    let complaint = bake(&["--compress", "0.5", "--threshold", "0.1"]);
+    assert!(complaint.contains("cannot be used with"), "{complaint}");
+    let complaint = bake(&["--recursion", "simpson2d:9"]);
+    assert!(complaint.contains("is no integration method"), "{complaint}");
+    let complaint = bake(&["--recursion", "trapezoid2d:8"]);
+    assert!(complaint.contains("an odd number a side"), "{complaint}");
+}
