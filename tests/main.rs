@@ -7,4 +7,5 @@ mod layering;
 mod paper;
 mod render;
 mod support;
+mod transport;
 mod wct_file;

@@ -99,6 +99,21 @@ impl ConvexPolygon {
         if other.is_empty() { Self::EMPTY } else { out }
     }
 
+    /// The same without vertices that repeat the one before, but for rounding: an
+    /// edge between two such points has no direction.
+    #[must_use]
+    pub fn without_short_edges(&self) -> Self {
+        let size = self.vertices().iter().map(|v| v.abs().max_element()).fold(0.0, f64::max);
+        let least = 16.0 * f64::EPSILON * size;
+        let mut out = Self::EMPTY;
+        for (a, b) in self.edges() {
+            if a.distance(b) > least {
+                out.push(a);
+            }
+        }
+        if out.len < 3 { Self::EMPTY } else { out }
+    }
+
     /// Its area, from coordinates relative to a vertex so that a small polygon
     /// far from the origin does not cancel.
     #[must_use]

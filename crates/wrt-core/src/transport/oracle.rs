@@ -192,6 +192,23 @@ mod tests {
         }
     }
 
+    /// A repeated corner is an edge that every direction is on, and no reason to be
+    /// blind: this triangle once was.
+    #[test]
+    fn a_triangle_with_a_repeated_corner_is_seen() {
+        let dest = Polygon::rectangle(DVec3::ZERO, DVec3::X, DVec3::Y).expect("a square");
+        let (a, b, c) = (DVec3::Z, DVec3::new(0., 1., 1.), DVec3::new(1., 1., 1.));
+        let whole = Support::isotropic(0, [0; 4]);
+        for verts in [[a, b, c, c], [a, b, b, c], [a, b, c, a]] {
+            for triangle in [Polygon::bilinear(verts), Polygon::rectilinear_quad(verts)] {
+                let geometry = TransportGeometry::new(triangle.expect("a triangle"), dest.clone());
+                let pair = Pair::new(&geometry, whole, whole);
+                assert_eq!(oracle(&pair), Verdict::Unknown, "{verts:?}");
+                assert!(Exact::default().integrate(&pair).value > 0.05, "{verts:?}");
+            }
+        }
+    }
+
     /// A small cell right under a large source is seen whole, one that looks the
     /// other way not at all.
     #[test]

@@ -70,13 +70,14 @@ impl<'a> Pair<'a> {
         let dests = geometry.dest().cell(dest.levels.position, [dest.m[0], dest.m[1]]);
         let dests = dests
             .iter()
-            .map(|d| d.clipped(|p| n.dot(p.extend(0.0) - origin)))
+            .map(|d| d.clipped(|p| n.dot(p.extend(0.0) - origin)).without_short_edges())
             .filter(|d| !d.is_empty())
             .collect();
         let sources = geometry.source().cell(source.levels.position, [source.m[0], source.m[1]]);
         let lift = |p| geometry.source_to_dest(p);
         let sources = sources
             .iter()
+            .map(ConvexPolygon::without_short_edges)
             .map(|s| s.edges().map(|(a, b)| (lift(a), lift(b) - lift(a))).collect())
             .filter(|s: &Vec<(DVec3, DVec3)>| s.iter().any(|(a, _)| a.z > 0.0))
             .collect();
@@ -143,6 +144,22 @@ impl<'a> Pair<'a> {
     pub fn area(&self, mu: DVec3) -> f64 {
         let chart = self.geometry.dest().chart();
         let mut sum = 0.0;
+        self.overlaps(mu, |overlap| sum += chart.area(overlap));
+        sum
+    }
+
+    /// The length of the border of the overlap whose area is [`area`](Self::area),
+    /// in the dest's plane.
+    #[must_use]
+    pub fn border(&self, mu: DVec3) -> f64 {
+        let mut sum = 0.0;
+        self.overlaps(mu, |overlap| {
+            sum += overlap.edges().map(|(a, b)| a.distance(b)).sum::<f64>();
+        });
+        sum
+    }
+
+    fn overlaps(&self, mu: DVec3, mut each: impl FnMut(&ConvexPolygon)) {
         for source in &self.sources {
             for dest in &self.dests {
                 let mut overlap = *dest;
@@ -155,11 +172,10 @@ impl<'a> Pair<'a> {
                     }
                 }
                 if !overlap.is_empty() {
-                    sum += chart.area(&overlap);
+                    each(&overlap);
                 }
             }
         }
-        sum
     }
 
     /// Whether light arriving from `mu` leaves the source within its direction

@@ -43,7 +43,6 @@ impl Integrator for Exact {
         let allowed = self.tolerance * first.abs();
         let (value, error) = if allowed > 0.0 { pieces.refined(allowed) } else { (first, 0.0) };
         let scale = 0.25 * pair.scale();
-        // What rounding leaves of an area is relative to the cell's own area.
         let rounding = 4.0 * f64::EPSILON * value;
         Integral {
             value: value * scale,
@@ -78,14 +77,48 @@ impl TwoRules {
     }
 }
 
+/// What rounding leaves of an overlap area.
+struct Rounding {
+    /// The farthest coordinate that enters.
+    reach: f64,
+    /// Area in (u, v) per area in the plane, of the dest's cell on average.
+    per_area: f64,
+    /// The dest cell's area in (u, v).
+    whole: f64,
+}
+
+impl Rounding {
+    fn of(pair: &Pair<'_>) -> Self {
+        let sources = pair.sources().iter().flatten().map(|(s, _)| s.abs().max_element());
+        let dests = pair.dests().iter().flat_map(|d| d.vertices()).map(|d| d.abs().max_element());
+        let whole = pair.dests().iter().map(|d| pair.geometry().dest().chart().area(d)).sum();
+        let plane: f64 = pair.dests().iter().map(|d| d.area()).sum();
+        let per_area = if plane > 0.0 { whole / plane } else { 0.0 };
+        Self { reach: sources.chain(dests).fold(0.0, f64::max), per_area, whole }
+    }
+
+    /// Error of the area along `mu`: each border of the overlap is off by the
+    /// rounding of the projected coordinates.
+    fn of_area(&self, pair: &Pair<'_>, mu: DVec3) -> f64 {
+        let off = 4.0 * f64::EPSILON * self.reach / mu.z;
+        (off * pair.border(mu) * self.per_area).min(self.whole)
+    }
+}
+
 struct Pieces<'a, 'b> {
     pair: &'a Pair<'b>,
+    rounding: Rounding,
     events: Vec<Event>,
     outer: Vec<Outer>,
     evaluations: u64,
     /// Scratch: inner breakpoints.
     cuts: Vec<f64>,
 }
+
+/// Where refinement ends, because what is left to refine is rounding: overlaps of
+/// slivers do not have the digits that a tolerance may ask for. The estimate then
+/// says what is left.
+const MOST_EVALUATIONS: u64 = 2_000_000;
 
 /// Nodes and weights on [−1, 1], the non-negative half.
 const GAUSS_4: [(f64, f64); 2] = [
@@ -135,7 +168,7 @@ impl<'a, 'b> Pieces<'a, 'b> {
     fn new(pair: &'a Pair<'b>) -> Self {
         let events = events(pair);
         let outer = outer_pieces(pair.dest_box(), &events);
-        Self { pair, events, outer, evaluations: 0, cuts: Vec::new() }
+        Self { pair, rounding: Rounding::of(pair), events, outer, evaluations: 0, cuts: Vec::new() }
     }
 
     /// The integral and its error estimate, halving pieces until the sum of their
@@ -148,7 +181,9 @@ impl<'a, 'b> Pieces<'a, 'b> {
         while let Some((piece, depth)) = stack.pop() {
             let share = allowed * ((piece.high - piece.low) / total).max(1e-3);
             let rules = self.strip(&piece, share);
-            if rules.error() > share && depth < DEEPEST {
+            // What the inner integrals do not know no outer piece can resolve.
+            let unresolved = rules.error() > share.max(rules.inner);
+            if unresolved && depth < DEEPEST && self.evaluations < MOST_EVALUATIONS {
                 stack.extend(piece.halves().iter().rev().map(|&half| (half, depth + 1)));
             } else {
                 value += rules.fine;
@@ -235,13 +270,16 @@ impl<'a, 'b> Pieces<'a, 'b> {
         };
         let (coarse, fine) = (sum(&GAUSS_4), sum(&GAUSS_7));
         let error = (fine - coarse).abs();
-        if allowed > 0.0 && error > allowed && error > 1e-15 * fine.abs() && depth < 12 {
+        let middle = direction(sine, cosine, 0.5 * (from + to));
+        let rounding = self.rounding.of_area(self.pair, middle) * (width * cosine * middle.z);
+        let refine = allowed > 0.0 && error > allowed.max(rounding);
+        if refine && depth < 12 && self.evaluations < MOST_EVALUATIONS {
             let middle = 0.5 * (from + to);
             let (a, e) = self.segment(sine, cosine, from, middle, 0.5 * allowed, depth + 1);
             let (b, f) = self.segment(sine, cosine, middle, to, 0.5 * allowed, depth + 1);
             return (a + b, e + f);
         }
-        (fine, error)
+        (fine, error + rounding)
     }
 }
 
