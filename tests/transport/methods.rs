@@ -35,7 +35,7 @@ fn all_methods_agree_on_mixed_charts_and_levels() {
             for (j, k) in cells {
                 let exact = CellRule::Exact(Exact { tolerance: 1e-9 }).radiance(&geometry, j, k);
                 seen += usize::from(exact.mean > 1e-3);
-                for name in Method::NAMES {
+                for name in Method::NAMES.into_iter().filter(|name| *name != "exact") {
                     let name = format!("{name}:{}", samples(name));
                     let method: Method = name.parse().expect("a method");
                     let found = CellRule::Sampled(method).radiance(&geometry, j, k);

@@ -2,7 +2,7 @@
 
 use clap::{Args as ClapArgs, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
-use wrt_core::transport::{CellRule, Exact};
+use wrt_core::transport::{CellRule, Exact, Method};
 
 /// Renders scenes lit by precomputed wavelet radiance.
 ///
@@ -87,7 +87,7 @@ pub(crate) struct Accuracy {
     /// Transport by the paper's recursion with this integration rule, such as
     /// trapezoid2d:5, instead of whole blocks. Slow.
     #[arg(long, value_name = "RULE")]
-    pub(crate) recursion: Option<wrt_core::transport::Method>,
+    pub(crate) recursion: Option<Method>,
 
     /// Points per patch at which the result is checked against direct quadrature;
     /// 0 leaves the error unestimated.
@@ -172,9 +172,9 @@ pub(crate) struct Transport {
     #[arg(long, value_name = "RULE", default_value = "exact", value_parser = rule)]
     pub(crate) method: CellRule,
 
-    /// Relative error that `exact` aims at.
-    #[arg(long, value_name = "T", default_value_t = 1e-10, value_parser = tolerance)]
-    pub(crate) tolerance: f64,
+    /// Relative error that `exact` aims at; 1e-10 if not given.
+    #[arg(long, value_name = "T", value_parser = tolerance)]
+    pub(crate) tolerance: Option<f64>,
 
     /// Threads to use; 0 is one per core. The result does not depend on it.
     #[arg(short, long, value_name = "N", default_value_t = 0)]
@@ -287,10 +287,9 @@ pub(crate) enum Tone {
 
 fn rule(text: &str) -> Result<CellRule, String> {
     if text == "exact" {
-        return Ok(CellRule::Exact(Exact::default()));
+        return Ok(CellRule::Exact(Exact { tolerance: 1e-10 }));
     }
-    let method = text.parse().map_err(|error| format!("not `exact`, and {error}"))?;
-    Ok(CellRule::Sampled(method))
+    text.parse::<Method>().map(CellRule::from).map_err(|error| error.to_string())
 }
 
 fn tolerance(text: &str) -> Result<f64, String> {

@@ -100,9 +100,12 @@ struct Checked {
 }
 
 pub(crate) fn run(args: &cli::Transport) -> anyhow::Result<()> {
-    let rule = match args.method {
-        CellRule::Exact(_) => CellRule::Exact(Exact { tolerance: args.tolerance }),
-        sampled => sampled,
+    let rule = match (args.method, args.tolerance) {
+        (CellRule::Exact(_), Some(tolerance)) => CellRule::Exact(Exact { tolerance }),
+        (CellRule::Sampled(method), Some(_)) => {
+            bail!("--tolerance is for --method exact: {method} takes a number of samples")
+        }
+        (rule, None) => rule,
     };
     let name = args.cases.display();
     let mut text = String::new();

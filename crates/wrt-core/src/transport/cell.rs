@@ -10,7 +10,8 @@ use crate::{CHILDREN, Levels};
 pub enum CellRule {
     /// The oracle, then Gauss rules between the integrand's kinks.
     Exact(Exact),
-    /// A rule of §7.1.4.2, without the oracle.
+    /// A rule of §7.1.4.2, without the oracle. Make it by [`From`], which tells
+    /// `exact` from the others.
     Sampled(Method),
 }
 
@@ -42,6 +43,15 @@ impl CellRadiance {
             self.error / (self.mean - self.error)
         } else {
             f64::INFINITY
+        }
+    }
+}
+
+impl From<Method> for CellRule {
+    fn from(method: Method) -> Self {
+        match method {
+            Method::Exact(exact) => Self::Exact(exact),
+            sampled => Self::Sampled(sampled),
         }
     }
 }
@@ -134,7 +144,7 @@ mod tests {
         let sampled: Method = "trapezoid2d:5".parse().expect("a method");
         let speck = square(DVec3::new(0.3, 0.3, 9.0), 1e-3 * DVec3::Y, 1e-3 * DVec3::X);
         let speck = TransportGeometry::new(speck, floor);
-        let narrow = Support::isotropic(3, [1, 1, 2, 2]);
+        let narrow = Support::isotropic(3, [1, 1, 4, 4]);
         let missed = CellRule::Sampled(sampled).radiance(&speck, cell, narrow);
         assert_eq!((missed.mean, missed.relative_error()), (0.0, 1.0));
     }
