@@ -61,6 +61,15 @@ pub struct Pair<'a> {
     source: Support,
 }
 
+/// Where a projected source cell covers a destination cell.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Overlap {
+    /// Area in the destination's (u, v).
+    pub(super) area: f64,
+    /// Length of the border in the destination's plane.
+    pub(super) border: f64,
+}
+
 impl<'a> Pair<'a> {
     /// The pair of cells `source` and `dest` of `geometry`'s polygons.
     #[must_use]
@@ -148,13 +157,13 @@ impl<'a> Pair<'a> {
         sum
     }
 
-    /// The length of the border of the overlap whose area is [`area`](Self::area),
-    /// in the dest's plane.
-    #[must_use]
-    pub fn border(&self, mu: DVec3) -> f64 {
-        let mut sum = 0.0;
+    /// The [`area`](Self::area) along `mu`, and the border around it.
+    pub(super) fn overlap(&self, mu: DVec3) -> Overlap {
+        let chart = self.geometry.dest().chart();
+        let mut sum = Overlap::default();
         self.overlaps(mu, |overlap| {
-            sum += overlap.edges().map(|(a, b)| a.distance(b)).sum::<f64>();
+            sum.area += chart.area(overlap);
+            sum.border += overlap.edges().map(|(a, b)| a.distance(b)).sum::<f64>();
         });
         sum
     }

@@ -14,6 +14,9 @@ use glam::{DVec2, DVec3};
 pub(super) struct Event {
     pub(super) n: DVec3,
     pub(super) c: f64,
+    /// √(n_y² + n_z²) and the angle of (n_z, n_y): what a meridian sees of n.
+    tilt: f64,
+    middle: f64,
     /// The corner and the edge (start, vector) that meet; `None` for a grid line.
     meeting: Option<(DVec3, DVec3, DVec3)>,
 }
@@ -24,7 +27,11 @@ const SLACK: f64 = 1e-9;
 
 impl Event {
     pub(super) fn grid_line(n: DVec3, c: f64) -> Self {
-        Self { n, c, meeting: None }
+        Self::new(n, c, None)
+    }
+
+    fn new(n: DVec3, c: f64, meeting: Option<(DVec3, DVec3, DVec3)>) -> Self {
+        Self { n, c, tilt: n.y.hypot(n.z), middle: n.y.atan2(n.z), meeting }
     }
 
     fn meeting(corner: DVec3, start: DVec3, edge: DVec3) -> Option<Self> {
@@ -32,11 +39,7 @@ impl Event {
         let n = to.cross(edge);
         // A corner on the edge's own line stays there whatever the direction.
         let least = 1e-13 * edge.length() * (to.length() + edge.length());
-        (n.length() > least).then(|| Self {
-            n: n.normalize(),
-            c: 0.0,
-            meeting: Some((corner, start, edge)),
-        })
+        (n.length() > least).then(|| Self::new(n.normalize(), 0.0, Some((corner, start, edge))))
     }
 
     /// Whether the corner meets the edge itself along `mu`, not just its line.
@@ -89,7 +92,7 @@ impl Event {
     /// cosθ cosφ) crosses the circle.
     pub(super) fn roots(&self, sine: f64, cosine: f64) -> [Option<f64>; 2] {
         use std::f64::consts::{FRAC_PI_2, PI, TAU};
-        let height = self.n.y.hypot(self.n.z) * cosine;
+        let height = self.tilt * cosine;
         if height < 1e-300 {
             return [None; 2];
         }
@@ -97,8 +100,8 @@ impl Event {
         if ratio.abs() > 1.0 + SLACK {
             return [None; 2];
         }
-        let (middle, half) = (self.n.y.atan2(self.n.z), ratio.clamp(-1.0, 1.0).acos());
-        [middle + half, middle - half].map(|phi| {
+        let half = ratio.clamp(-1.0, 1.0).acos();
+        [self.middle + half, self.middle - half].map(|phi| {
             let phi = if phi > PI {
                 phi - TAU
             } else if phi < -PI {

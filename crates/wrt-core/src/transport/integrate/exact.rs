@@ -1,7 +1,8 @@
 //! T_jk to round-off: Gauss rules on the pieces between the integrand's kinks.
 
-use super::super::Pair;
+use super::super::pair::{Overlap, Pair};
 use super::events::{Event, events};
+use super::patterson::{self, Estimate};
 use super::{Integral, Integrator};
 use glam::{DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
@@ -11,7 +12,8 @@ use std::f64::consts::{FRAC_PI_2, PI};
 /// With μ = (sinθ, cosθ sinφ, cosθ cosφ) the rim's square root disappears:
 /// 4 dκ dλ = cos²θ cosφ dθ dφ. The outer variable θ is cut wherever events cross
 /// each other, the cell or the rim, or turn back; the inner one at each event.
-/// Pieces on which Gauss rules of 4 and 7 points disagree are halved.
+/// Each piece gets the least of the nested Gauss rules that settles it, and is
+/// halved where 15 points do not.
 ///
 /// Departs from §7.1.4.2, whose rules all ignore the kinks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,11 +39,7 @@ impl Integrator for Exact {
             return Integral { value: 0.0, error: 0.0, evaluations: 0 };
         }
         let mut pieces = Pieces::new(pair);
-        // A first pass without refinement gives the size that "relative" means.
-        let first: f64 =
-            pieces.outer.clone().iter().map(|piece| pieces.strip(piece, 0.0).fine).sum();
-        let allowed = self.tolerance * first.abs();
-        let (value, error) = if allowed > 0.0 { pieces.refined(allowed) } else { (first, 0.0) };
+        let (value, error) = pieces.integral(self.tolerance);
         let scale = 0.25 * pair.scale();
         let rounding = 4.0 * f64::EPSILON * value;
         Integral {
@@ -60,21 +58,6 @@ struct Outer {
     high: f64,
     root_low: bool,
     root_high: bool,
-}
-
-/// The results of the two rules on one piece.
-#[derive(Clone, Copy, Debug, Default)]
-struct TwoRules {
-    coarse: f64,
-    fine: f64,
-    /// Error of the inner integrals within.
-    inner: f64,
-}
-
-impl TwoRules {
-    fn error(&self) -> f64 {
-        (self.fine - self.coarse).abs()
-    }
 }
 
 /// What rounding leaves of an overlap area.
@@ -97,11 +80,11 @@ impl Rounding {
         Self { reach: sources.chain(dests).fold(0.0, f64::max), per_area, whole }
     }
 
-    /// Error of the area along `mu`: each border of the overlap is off by the
-    /// rounding of the projected coordinates.
-    fn of_area(&self, pair: &Pair<'_>, mu: DVec3) -> f64 {
-        let off = 4.0 * f64::EPSILON * self.reach / mu.z;
-        (off * pair.border(mu) * self.per_area).min(self.whole)
+    /// Error of the area along a direction with μz = `height`: each border of the
+    /// overlap is off by the rounding of the projected coordinates.
+    fn of_area(&self, overlap: &Overlap, height: f64) -> f64 {
+        let off = 4.0 * f64::EPSILON * self.reach / height;
+        (off * overlap.border * self.per_area).min(self.whole)
     }
 }
 
@@ -119,26 +102,6 @@ struct Pieces<'a, 'b> {
 /// slivers do not have the digits that a tolerance may ask for. The estimate then
 /// says what is left.
 const MOST_EVALUATIONS: u64 = 2_000_000;
-
-/// Nodes and weights on [−1, 1], the non-negative half.
-const GAUSS_4: [(f64, f64); 2] = [
-    (0.339_981_043_584_856_26, 0.652_145_154_862_546_1),
-    (0.861_136_311_594_052_6, 0.347_854_845_137_453_86),
-];
-const GAUSS_7: [(f64, f64); 4] = [
-    (0.0, 0.417_959_183_673_469_4),
-    (0.405_845_151_377_397_2, 0.381_830_050_505_118_9),
-    (0.741_531_185_599_394_4, 0.279_705_391_489_276_64),
-    (0.949_107_912_342_758_5, 0.129_484_966_168_869_7),
-];
-
-/// (node, weight) of a rule on [0, 1].
-fn nodes(half: &'static [(f64, f64)]) -> impl Iterator<Item = (f64, f64)> {
-    half.iter().flat_map(|&(x, w)| {
-        let mirrored = (x != 0.0).then_some((0.5 - 0.5 * x, 0.5 * w));
-        mirrored.into_iter().chain([(0.5 + 0.5 * x, 0.5 * w)])
-    })
-}
 
 impl Outer {
     /// θ and dθ/dt at t ∈ [0, 1].
@@ -168,47 +131,53 @@ impl<'a, 'b> Pieces<'a, 'b> {
     fn new(pair: &'a Pair<'b>) -> Self {
         let events = events(pair);
         let outer = outer_pieces(pair.dest_box(), &events);
-        Self { pair, rounding: Rounding::of(pair), events, outer, evaluations: 0, cuts: Vec::new() }
+        let rounding = Rounding::of(pair);
+        Self { pair, rounding, events, outer, evaluations: 0, cuts: Vec::new() }
     }
 
     /// The integral and its error estimate, halving pieces until the sum of their
-    /// disagreements is within `allowed`.
-    fn refined(&mut self, allowed: f64) -> (f64, f64) {
+    /// errors is within `tolerance` of the whole.
+    fn integral(&mut self, tolerance: f64) -> (f64, f64) {
         const DEEPEST: u32 = 24;
-        let total: f64 = self.outer.iter().map(|o| o.high - o.low).sum();
-        let mut stack: Vec<(Outer, u32)> = self.outer.iter().rev().map(|&o| (o, 0)).collect();
+        let outer = std::mem::take(&mut self.outer);
+        let total: f64 = outer.iter().map(|o| o.high - o.low).sum();
+        // A first pass by the shortest rules gives the size that "relative" means,
+        // and is all that many pieces need.
+        let first: Vec<Estimate> =
+            outer.iter().map(|piece| self.strip(piece, f64::INFINITY)).collect();
+        let allowed = tolerance * first.iter().map(|strip| strip.value).sum::<f64>().abs();
+        let known: f64 = first.iter().map(|strip| strip.error + strip.inner).sum();
+        if known <= allowed {
+            return (first.iter().map(|strip| strip.value).sum(), known);
+        }
+        let mut stack: Vec<(Outer, u32, Option<Estimate>)> =
+            outer.iter().zip(first).rev().map(|(&o, strip)| (o, 0, Some(strip))).collect();
         let (mut value, mut error) = (0.0, 0.0);
-        while let Some((piece, depth)) = stack.pop() {
+        while let Some((piece, depth, first)) = stack.pop() {
             let share = allowed * ((piece.high - piece.low) / total).max(1e-3);
-            let rules = self.strip(&piece, share);
+            let settled = first.filter(|strip| strip.inner.max(strip.error) <= share);
+            let strip = settled.unwrap_or_else(|| self.strip(&piece, share));
             // What the inner integrals do not know no outer piece can resolve.
-            let unresolved = rules.error() > share.max(rules.inner);
+            let unresolved = strip.error > share.max(strip.inner);
             if unresolved && depth < DEEPEST && self.evaluations < MOST_EVALUATIONS {
-                stack.extend(piece.halves().iter().rev().map(|&half| (half, depth + 1)));
+                stack.extend(piece.halves().iter().rev().map(|&half| (half, depth + 1, None)));
             } else {
-                value += rules.fine;
-                error += rules.error() + rules.inner;
+                value += strip.value;
+                error += strip.error + strip.inner;
             }
         }
         (value, error)
     }
 
-    /// ∫ over one outer piece by both rules; inner integrals within `allowed`
-    /// (0: whatever one pass gives).
-    fn strip(&mut self, piece: &Outer, allowed: f64) -> TwoRules {
-        let mut rules = TwoRules::default();
+    /// ∫ over one outer piece, itself and its inner integrals within `allowed` if
+    /// one rule can.
+    fn strip(&mut self, piece: &Outer, allowed: f64) -> Estimate {
         let width = (piece.high - piece.low).max(f64::MIN_POSITIVE);
-        for (t, weight) in nodes(&GAUSS_4) {
-            let (theta, slope) = piece.at(t);
-            rules.coarse += weight * slope * self.line(theta, allowed / width).0;
-        }
-        for (t, weight) in nodes(&GAUSS_7) {
+        patterson::integrate(allowed, |t| {
             let (theta, slope) = piece.at(t);
             let (value, error) = self.line(theta, allowed / width);
-            rules.fine += weight * slope * value;
-            rules.inner += weight * slope * error;
-        }
-        rules
+            (slope * value, slope * error)
+        })
     }
 
     /// ∫ G A cos²θ cosφ dφ over one meridian, and its error estimate.
@@ -233,13 +202,16 @@ impl<'a, 'b> Pieces<'a, 'b> {
             if to - from > 1e-15 {
                 let middle = direction(sine, cosine, 0.5 * (from + to));
                 // G is constant between events, and so is A = 0.
-                if self.pair.leaves_in_cell(middle) && self.pair.area(middle) > 0.0 {
+                let sees = self.pair.leaves_in_cell(middle);
+                let overlap = if sees { self.pair.overlap(middle) } else { Overlap::default() };
+                self.evaluations += 1;
+                if overlap.area > 0.0 {
+                    let meridian = Meridian { sine, cosine, from, to };
                     let share = allowed * (to - from) / (high - low);
-                    let (v, e) = self.segment(sine, cosine, from, to, share, 0);
+                    let (v, e) = self.segment(&meridian, overlap, share, 0);
                     value += v;
                     error += e;
                 }
-                self.evaluations += 1;
             }
             from = to;
         }
@@ -247,40 +219,53 @@ impl<'a, 'b> Pieces<'a, 'b> {
         (value, error)
     }
 
-    /// ∫ A cos²θ cosφ dφ over an interval without events.
+    /// ∫ A cos²θ cosφ dφ over an interval without events, and its error estimate;
+    /// `overlap` is that of its middle.
     fn segment(
         &mut self,
-        sine: f64,
-        cosine: f64,
-        from: f64,
-        to: f64,
+        meridian: &Meridian,
+        overlap: Overlap,
         allowed: f64,
         depth: u32,
     ) -> (f64, f64) {
+        let &Meridian { sine, cosine, from, to } = meridian;
         let width = to - from;
-        let mut sum = |half| -> f64 {
-            nodes(half)
-                .map(|(t, weight)| {
-                    let phi = from + width * t;
-                    self.evaluations += 1;
-                    weight * phi.cos() * self.pair.area(direction(sine, cosine, phi))
-                })
-                .sum::<f64>()
-                * (width * cosine * cosine)
-        };
-        let (coarse, fine) = (sum(&GAUSS_4), sum(&GAUSS_7));
-        let error = (fine - coarse).abs();
-        let middle = direction(sine, cosine, 0.5 * (from + to));
-        let rounding = self.rounding.of_area(self.pair, middle) * (width * cosine * middle.z);
-        let refine = allowed > 0.0 && error > allowed.max(rounding);
+        let measure = width * cosine * cosine;
+        let height = cosine * (0.5 * (from + to)).cos();
+        let rounding = self.rounding.of_area(&overlap, height) * (width * cosine * height);
+        let Estimate { value, error, .. } = patterson::integrate(allowed.max(rounding), |t| {
+            let phi = from + width * t;
+            let area = if t == 0.5 {
+                overlap.area
+            } else {
+                self.evaluations += 1;
+                self.pair.area(direction(sine, cosine, phi))
+            };
+            (measure * phi.cos() * area, 0.0)
+        });
+        let refine = error > allowed.max(rounding);
         if refine && depth < 12 && self.evaluations < MOST_EVALUATIONS {
             let middle = 0.5 * (from + to);
-            let (a, e) = self.segment(sine, cosine, from, middle, 0.5 * allowed, depth + 1);
-            let (b, f) = self.segment(sine, cosine, middle, to, 0.5 * allowed, depth + 1);
-            return (a + b, e + f);
+            let mut sum = (0.0, 0.0);
+            for (from, to) in [(from, middle), (middle, to)] {
+                let half = Meridian { from, to, ..*meridian };
+                let overlap = self.pair.overlap(direction(sine, cosine, 0.5 * (from + to)));
+                self.evaluations += 1;
+                let (v, e) = self.segment(&half, overlap, 0.5 * allowed, depth + 1);
+                sum = (sum.0 + v, sum.1 + e);
+            }
+            return sum;
         }
-        (fine, error + rounding)
+        (value, error + rounding)
     }
+}
+
+/// The part between two angles φ of the meridian at the angle θ.
+struct Meridian {
+    sine: f64,
+    cosine: f64,
+    from: f64,
+    to: f64,
 }
 
 fn direction(sine: f64, cosine: f64, phi: f64) -> DVec3 {

@@ -6,6 +6,7 @@ mod exact;
 mod facts;
 mod method;
 mod monte_carlo;
+mod patterson;
 mod quasi_random;
 mod romberg;
 mod sampling;
