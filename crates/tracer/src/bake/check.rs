@@ -1,0 +1,64 @@
+//! A baked patch against direct quadrature over the emitters.
+
+use super::receivers::Receiver;
+use glam::DVec2;
+use rayon::prelude::*;
+use wrt_core::{Emission, Nusselt, Polygon, Sampler, gather};
+
+/// Squared error and squared reference, summed over checks.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Checked {
+    error: f64,
+    reference: f64,
+}
+
+impl Checked {
+    pub(super) fn add(&mut self, other: &Self) {
+        self.error += other.error;
+        self.reference += other.reference;
+    }
+
+    pub(super) fn relative(&self) -> Option<f64> {
+        (self.reference > 0.0).then(|| (self.error / self.reference).sqrt())
+    }
+}
+
+/// Looks the patch up at well-spread points and directions and compares with
+/// direct quadrature over the emitters: the error that a picture will have.
+pub(super) fn check(
+    receiver: &Receiver,
+    emitters: &[(Polygon, Emission)],
+    sampler: &Sampler,
+    count: u32,
+) -> Checked {
+    // A Kronecker sequence in four dimensions (M. Roberts, 2018).
+    const STEP: [f64; 4] = [
+        0.856_674_883_854_502_9,
+        0.733_891_856_627_125_8,
+        0.628_706_721_037_808_8,
+        0.538_597_257_223_608_1,
+    ];
+    let size = receiver.polygon.size().unwrap_or_default();
+    let parts: Vec<Checked> = (1..=count)
+        .into_par_iter()
+        .filter_map(|i| {
+            let q = STEP.map(|step| (0.5 + f64::from(i) * step).fract());
+            let to_eye = Nusselt { kappa: q[2], lambda: q[3] }.to_direction()?;
+            let frame = receiver.polygon.frame();
+            let point = frame.point(DVec2::new(q[0], q[1]) * size);
+            let cells = 1 << emitters.iter().map(|e| e.1.level()).max().unwrap_or(0);
+            let exact = gather(emitters, frame, point, &receiver.phong, to_eye, cells);
+            let found = sampler.multilinear(q);
+            let mut sum = Checked::default();
+            for (exact, found) in exact.iter().zip(found) {
+                sum.error += (exact - f64::from(found)).powi(2);
+                sum.reference += exact * exact;
+            }
+            Some(sum)
+        })
+        .collect();
+    let mut sum = Checked::default();
+    // In order, for the same bits from any number of threads.
+    parts.iter().for_each(|part| sum.add(part));
+    sum
+}

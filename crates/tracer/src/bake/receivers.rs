@@ -1,0 +1,45 @@
+//! A scene's receivers: polygons, and how they reflect.
+
+use crate::scene::{
+    Scene,
+    surfaces::{self, PlanarPolygon},
+};
+use anyhow::{Context as _, bail};
+use wrt_core::{Phong, Polygon};
+
+pub(super) struct Receiver {
+    pub(super) planar: PlanarPolygon,
+    pub(super) polygon: Polygon,
+    pub(super) phong: Phong,
+}
+
+pub(super) fn receivers(
+    scene: &Scene,
+    warnings: &mut Vec<String>,
+) -> anyhow::Result<Vec<Receiver>> {
+    let found = surfaces::receivers(scene);
+    if found.is_empty() {
+        bail!(
+            "nothing receives light: mark a node's extras with \"wrt\": {{\"receiver\": true}}, or put a rectangle before the emitter"
+        );
+    }
+    let receiver = |planar: PlanarPolygon| {
+        let polygon = Polygon::rectilinear(&planar.vertices)
+            .with_context(|| format!("the receiver \"{}\"", planar.name))?;
+        let material = &scene.materials[scene.meshes[planar.mesh].material];
+        if material.base_texture.is_some() {
+            warnings.push(format!(
+                "receiver \"{}\": the base-colour texture of material \"{}\" is not baked, only its factor",
+                planar.name, material.name
+            ));
+        }
+        let phong = Phong {
+            kd: material.kd.as_dvec3().to_array(),
+            // A mirror's k_s is the raytracer's recursive ray, not the patch's.
+            ks: if material.mirror { [0.0; 3] } else { material.ks.as_dvec3().to_array() },
+            exponent: f64::from(material.exponent),
+        };
+        Ok(Receiver { planar, polygon, phong })
+    };
+    found.into_iter().map(receiver).collect()
+}
