@@ -168,6 +168,38 @@ proptest! {
     }
 }
 
+/// Σ_k T_jk = A_s / A_d for a cell j whose rays all land, k over all cells of its
+/// level: what leaves arrives, once. To the error estimates, and these to 10⁻¹⁰.
+#[test]
+fn all_that_leaves_a_cell_arrives() {
+    let dest = Polygon::rectangle(DVec3::ZERO, 2.0 * DVec3::X, 3.0 * DVec3::Y).expect("a square");
+    let above = |height, tilt| {
+        let turn = DQuat::from_rotation_x(tilt) * DQuat::from_rotation_z(0.3);
+        let at = DVec3::new(0.8, 1.3, height);
+        Polygon::rectangle(at, turn * (0.5 * DVec3::Y), turn * (0.4 * DVec3::X)).expect("a square")
+    };
+    for (source, j) in [
+        (above(0.3, 0.0), Support::isotropic(2, [0, 1, 1, 1])),
+        (above(0.3, 0.2), Support::isotropic(2, [3, 0, 1, 2])),
+        (above(0.2, -0.4), Support::isotropic(2, [1, 2, 2, 2])),
+    ] {
+        let geometry = TransportGeometry::new(source, dest.clone());
+        let level = j.levels.position;
+        let (mut sum, mut slack) = (0.0, 0.0);
+        for i in 0..1_u32 << (4 * level) {
+            let m = [0, 1, 2, 3].map(|d| (i >> (d * level) & ((1 << level) - 1)) as u16);
+            let cell = exact(1e-12).radiance(&geometry, j, Support::isotropic(level, m));
+            sum += cell.mean;
+            slack += cell.error;
+        }
+        let expected = geometry.source().area() / dest.area();
+        let [low, high] = j.cosines().map(|c| (0.5 * (c + 1.0)).to_array());
+        let expected = expected * wrt_core::udc_fraction(low, high);
+        assert!((sum - expected).abs() <= slack + 1e-14, "{sum} {expected} {slack:e}");
+        assert!(slack <= 1e-10 * expected, "{slack:e} of {expected}");
+    }
+}
+
 /// Cells of 10⁻⁵ of a polygon, by their sum.
 #[test]
 fn parts_sum_to_the_whole_at_the_deepest_levels() {
