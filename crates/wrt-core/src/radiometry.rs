@@ -81,7 +81,8 @@ impl Irradiance {
             }
             for nu in children(SPLIT).skip(1) {
                 let Some(at) = node.coefficient(nu) else { continue };
-                let sign = |m: usize| if (nu & m).count_ones() % 2 == 0 { 1.0 } else { -1.0 };
+                let sign =
+                    |m: usize| if (nu & m).count_ones().is_multiple_of(2) { 1.0 } else { -1.0 };
                 let inner: f64 = children(SPLIT).map(|m| sign(m) * areas[m]).sum();
                 for (flux, b) in flux.iter_mut().zip(self.tree.coefficients()[at]) {
                     *flux += scale * inner * f64::from(b);
