@@ -56,7 +56,7 @@ pub use gather::gather;
 pub use grid::{Grid, Rgb};
 pub use haar::{CHILDREN, pull, push};
 pub use index::{Cell, Levels, WaveletIndex, children};
-pub use interaction::{LobeMatrix, Phong, phong_lobe, reflect};
+pub use interaction::{BrdfTree, Interface, LobeMatrix, Phong, mirrored, phong_lobe, reflect};
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
 pub use radiometry::Irradiance;
