@@ -18,4 +18,6 @@ pub use integrate::{
 };
 pub use oracle::{Verdict, oracle};
 pub use pair::{Pair, Support};
-pub use recursion::{Counts, RecursionOptions, transport_coefficient, transport_tree};
+pub use recursion::{
+    Counts, RecursionOptions, transport_coefficient, transport_tree, transport_tree_below,
+};

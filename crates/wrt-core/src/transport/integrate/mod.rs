@@ -6,10 +6,12 @@ mod exact;
 mod facts;
 mod method;
 mod monte_carlo;
-mod patterson;
+mod nested;
+mod piece;
 mod quasi_random;
 mod romberg;
 mod sampling;
+mod strips;
 mod trapezoidal;
 mod visible;
 
