@@ -2,14 +2,18 @@
 
 mod block;
 mod cell;
+mod directions;
 mod geometry;
 mod integrate;
 mod oracle;
 mod pair;
 mod recursion;
+mod refine;
 mod resample;
+mod slice;
+mod stencil;
 
-pub use block::{BlockOptions, Source, transport_block};
+pub use block::{BlockOptions, Source, Transported, transport_block, transport_within};
 pub use cell::{CellRadiance, CellRule};
 pub use geometry::TransportGeometry;
 pub use integrate::{

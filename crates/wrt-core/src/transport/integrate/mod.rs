@@ -17,6 +17,8 @@ mod visible;
 
 use super::Pair;
 
+pub(super) use strips::Strip;
+
 pub use exact::Exact;
 pub use method::Method;
 pub use monte_carlo::MonteCarlo;

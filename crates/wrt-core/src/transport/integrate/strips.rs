@@ -7,7 +7,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 /// An interval of θ within which no breakpoint lies. At an end where a root turns
 /// back the inner integral has a square root, which θ = end ± t² removes.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Strip {
+pub(in crate::transport) struct Strip {
     low: f64,
     high: f64,
     root_low: bool,
@@ -15,8 +15,16 @@ pub(super) struct Strip {
 }
 
 impl Strip {
+    /// The interval [low, high], and at which ends there is a square root.
+    pub(in crate::transport) fn new(
+        [low, high]: [f64; 2],
+        [root_low, root_high]: [bool; 2],
+    ) -> Self {
+        Self { low, high, root_low, root_high }
+    }
+
     /// θ and dθ/ds at s ∈ [0, 1].
-    pub(super) fn at(&self, s: f64) -> (f64, f64) {
+    pub(in crate::transport) fn at(&self, s: f64) -> (f64, f64) {
         let width = self.high - self.low;
         match (self.root_low, self.root_high) {
             (false, false) => (self.low + width * s, width),
