@@ -30,6 +30,7 @@
 //! from the surface: incident ones to where the light comes from, outgoing ones to
 //! the eye. Computation is in f64, coefficients are stored in f32.
 
+pub mod beams;
 mod chart;
 mod convex;
 mod emission;
@@ -37,9 +38,11 @@ mod error;
 mod gather;
 pub mod grid;
 mod haar;
+mod hemisphere;
 mod index;
 mod interaction;
 pub mod metrics;
+pub mod multiwavelet;
 mod nusselt;
 mod polygon;
 mod sampler;
@@ -54,6 +57,7 @@ pub use error::{Error, Result};
 pub use gather::gather;
 pub use grid::{Grid, Rgb};
 pub use haar::{CHILDREN, pull, push};
+pub use hemisphere::DirectionMap;
 pub use index::{Cell, Levels, WaveletIndex, children};
 pub use interaction::{LobeMatrix, Phong, phong_lobe, reflect};
 pub use nusselt::{Nusselt, udc_fraction};
