@@ -23,6 +23,7 @@ const WRT_CORE: &[&str] = &[
     "interaction",
     "gather",
     "beams",
+    "legendre",
     "sampler",
     "metrics",
     "wct_file",

@@ -204,9 +204,8 @@ mod tests {
         const N: u32 = 400;
         for map in MAPS {
             let at = |i: u32| (f64::from(i) + 0.5) / f64::from(N);
-            let sum: f64 = (0..N * N)
-                .map(|i| map.projected_measure(DVec2::new(at(i % N), at(i / N))))
-                .sum();
+            let sum: f64 =
+                (0..N * N).map(|i| map.projected_measure(DVec2::new(at(i % N), at(i / N)))).sum();
             let mean = sum / f64::from(N * N);
             assert!((mean - PI).abs() < 1e-4, "{map:?}: {mean}");
         }

@@ -16,6 +16,9 @@ const FINENESS: f64 = 1.2;
 /// Levels below the picture's, or below the root's: for points close by.
 const EXTRA: u8 = 8;
 
+/// A cell's weights × radiance, u fastest.
+type Nodes = [[f32; 3]; NODES * NODES];
+
 /// An emitter prepared for points anywhere before it.
 ///
 /// Each cell of a quadtree over its picture has 4 × 4 Gauss nodes, with weights
@@ -30,7 +33,7 @@ pub struct AreaLight {
     emission: Emission,
     /// Levels above the picture's: per cell (u fastest), weight × mean radiance at
     /// each node (u fastest); `None` where it is dark.
-    levels: Vec<Vec<Option<Box<[[f32; 3]; NODES * NODES]>>>>,
+    levels: Vec<Vec<Option<Box<Nodes>>>>,
     rule: Vec<(f64, f64)>,
 }
 
@@ -137,10 +140,7 @@ impl Illuminant for AreaLight {
 }
 
 /// Node values of all levels above the picture's, from its texels up.
-fn pyramid(
-    emission: &Emission,
-    rule: &[(f64, f64)],
-) -> Vec<Vec<Option<Box<[[f32; 3]; NODES * NODES]>>>> {
+fn pyramid(emission: &Emission, rule: &[(f64, f64)]) -> Vec<Vec<Option<Box<Nodes>>>> {
     let basis = Multiwavelet::new(NODES);
     const SQUARE: usize = NODES * NODES;
     // A texel is constant: its mean times the cell's width is the coefficient of φφ.
@@ -219,12 +219,12 @@ mod tests {
 
     fn window(lobe: Lobe) -> (Polygon, Emission) {
         // 1.6 m a side, upright, 1.2 m above the floor y = 0, shining along +z.
-        let polygon = Polygon::rectangle(DVec3::new(-0.8, 1.2, 0.0), 1.6 * DVec3::X, 1.6 * DVec3::Y);
+        let polygon =
+            Polygon::rectangle(DVec3::new(-0.8, 1.2, 0.0), 1.6 * DVec3::X, 1.6 * DVec3::Y);
         (polygon.expect("a rectangle"), Emission::new(6, panes(6), lobe))
     }
 
-    const FLOOR: Frame =
-        Frame { origin: DVec3::ZERO, x: DVec3::X, y: DVec3::NEG_Z, n: DVec3::Y };
+    const FLOOR: Frame = Frame { origin: DVec3::ZERO, x: DVec3::X, y: DVec3::NEG_Z, n: DVec3::Y };
 
     /// Radiance that a surface at `point` reflects, by beams.
     fn reflected(light: &AreaLight, point: DVec3, phong: &Phong, eye: DVec3) -> ([f64; 3], usize) {

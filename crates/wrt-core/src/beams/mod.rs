@@ -36,6 +36,20 @@ pub struct Bundle {
     range: Range<usize>,
 }
 
+impl Bundle {
+    /// The greatest cosine that a beam's direction can have with a unit direction.
+    #[must_use]
+    pub fn greatest_cosine(&self, direction: DVec3) -> f64 {
+        let (cos, cos_radius) = (self.axis.dot(direction), self.cosine);
+        if cos >= cos_radius {
+            return 1.0;
+        }
+        // cos(angle − radius).
+        let sin = |cos: f64| (1.0 - cos * cos).max(0.0).sqrt();
+        cos * cos_radius + sin(cos) * sin(cos_radius)
+    }
+}
+
 impl Beams {
     /// Adds a bundle about `axis` (a unit vector of the surface's frame); one
     /// without beams is left out.
@@ -70,9 +84,9 @@ impl Beams {
     /// Σ L cosθ dω, W m⁻².
     #[must_use]
     pub fn irradiance(&self) -> [f64; 3] {
-        self.beams.iter().fold([0.0; 3], |sum, beam| {
-            std::array::from_fn(|c| sum[c] + beam.irradiance[c])
-        })
+        self.beams
+            .iter()
+            .fold([0.0; 3], |sum, beam| std::array::from_fn(|c| sum[c] + beam.irradiance[c]))
     }
 }
 
