@@ -18,6 +18,7 @@ const WRT_CORE: &[&str] = &[
     "polygon",
     "grid",
     "tree",
+    "radiometry",
     "emission",
     "transport",
     "interaction",
