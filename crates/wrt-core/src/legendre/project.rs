@@ -106,8 +106,9 @@ pub fn project<R: Radiance>(radiance: &R, options: &ProjectOptions) -> Projected
     loop {
         let tails: Vec<f64> = positions.iter().map(|p| p.root.tail(0)).collect();
         let cells: usize = positions.iter().map(|p| p.root.leaves().len()).sum();
-        // Each split makes three more positions with as many directions.
-        let room = options.cells.saturating_sub(cells) * positions.len() / (3 * cells);
+        // Each split makes three more positions with as many directions; three quarters
+        // of the cells are for what directions need.
+        let room = (options.cells / 4).saturating_sub(cells) * positions.len() / (3 * cells);
         let splits = |i: usize| positions[i].cell.levels[0] < options.levels[0];
         let split = worst(&tails, allowed(norm), room, splits);
         if split.is_empty() {

@@ -117,93 +117,119 @@ impl LegendreSampler {
     /// border, towards the unit direction `mu` of the upper hemisphere.
     #[must_use]
     pub fn radiance(&self, uv: DVec2, mu: DVec3) -> Rgb {
-        // Off the horizon by a rounding or two: the cells outside touch it there.
-        const INSIDE: f64 = 1.0 - 8.0 * f64::EPSILON;
-        let below_one = DVec2::splat(1.0 - f64::EPSILON);
+        // Off the horizon by some of the look-up's units, 2⁻³²: the cells outside touch
+        // it there.
+        const INSIDE: f64 = 1.0 - 1e-9;
         let st = (self.map.to_square(mu) - 0.5) * INSIDE + 0.5;
-        let uv = uv.clamp(DVec2::ZERO, below_one);
-        let st = st.clamp(DVec2::ZERO, below_one);
         self.look_up(uv, st)
     }
 
-    fn look_up(&self, mut uv: DVec2, mut st: DVec2) -> Rgb {
+    fn look_up(&self, uv: DVec2, st: DVec2) -> Rgb {
+        let (mut uv, mut st) = (Fixed::new(uv), Fixed::new(st));
         let mut below = self.root;
         while below & (LEAF | POSITION) == POSITION {
-            below = self.splits[(below & !POSITION) as usize][half(&mut uv)];
+            below = self.splits[(below & !POSITION) as usize][uv.half()];
         }
         while below & LEAF == 0 {
-            below = self.splits[below as usize][half(&mut st)];
+            below = self.splits[below as usize][st.half()];
         }
         let leaf = self.leaves[(below & !LEAF) as usize];
-        let [p, q] = leaf.orders.map(usize::from);
-        // One loop per number of rows, so that each is unrolled.
-        match terms(q).div_ceil(LANES) {
-            1 => self.sum::<1>(leaf, p, q, uv, st),
-            2 => self.sum::<2>(leaf, p, q, uv, st),
-            3 => self.sum::<3>(leaf, p, q, uv, st),
-            4 => self.sum::<4>(leaf, p, q, uv, st),
-            6 => self.sum::<6>(leaf, p, q, uv, st),
-            7 => self.sum::<7>(leaf, p, q, uv, st),
-            _ => self.sum::<9>(leaf, p, q, uv, st),
+        // One loop per direction order, so that each is unrolled.
+        match leaf.orders[1] {
+            1 => self.sum::<1, 1>(leaf, uv, st),
+            2 => self.sum::<2, 1>(leaf, uv, st),
+            3 => self.sum::<3, 2>(leaf, uv, st),
+            4 => self.sum::<4, 3>(leaf, uv, st),
+            5 => self.sum::<5, 4>(leaf, uv, st),
+            6 => self.sum::<6, 6>(leaf, uv, st),
+            7 => self.sum::<7, 7>(leaf, uv, st),
+            _ => self.sum::<8, 9>(leaf, uv, st),
         }
     }
 
-    /// Σ over position terms and over `ROWS` rows of direction terms.
+    /// Σ over position terms and over the `ROWS` rows of the direction terms of order
+    /// `Q`.
     #[inline]
-    fn sum<const ROWS: usize>(&self, leaf: Leaf, p: usize, q: usize, uv: DVec2, st: DVec2) -> Rgb {
-        let position = products::<{ terms(MAX_TREE_ORDER) }>(p, uv);
-        let mut direction = [[0.0; LANES]; ROWS];
-        let flat = products::<{ terms(MAX_TREE_ORDER) }>(q, st);
-        direction.as_flattened_mut().copy_from_slice(&flat[..ROWS * LANES]);
-        let count = terms(p);
+    fn sum<const Q: usize, const ROWS: usize>(&self, leaf: Leaf, uv: Fixed, st: Fixed) -> Rgb {
+        const { assert!(ROWS == terms(Q).div_ceil(LANES), "rows of the direction terms") };
+        let mut direction = [[0.0_f32; LANES]; ROWS];
+        let (s, t) = (values::<Q>(st.x), values::<Q>(st.y));
+        products(&s, &t, direction.as_flattened_mut());
+        let p = usize::from(leaf.orders[0]);
+        let mut position = [0.0; terms(MAX_TREE_ORDER)];
+        let count = match p {
+            1 => products(&[1.0], &[1.0], &mut position),
+            2 => products(&values::<2>(uv.x), &values::<2>(uv.y), &mut position),
+            3 => products(&values::<3>(uv.x), &values::<3>(uv.y), &mut position),
+            4 => products(&values::<4>(uv.x), &values::<4>(uv.y), &mut position),
+            _ => {
+                let (u, v) = (values::<MAX_TREE_ORDER>(uv.x), values::<MAX_TREE_ORDER>(uv.y));
+                products(&u[..p], &v[..p], &mut position)
+            }
+        };
         let rows = &self.rows[leaf.first_row as usize..][..count * ROWS];
         let mut sums = [[0.0_f32; LANES]; 3];
         for (a, rows) in position[..count].iter().zip(rows.as_chunks::<ROWS>().0) {
+            let mut inner = [[0.0_f32; LANES]; 3];
             for (b, row) in direction.iter().zip(rows) {
-                for lane in 0..LANES {
-                    let function = a * b[lane];
-                    for c in 0..3 {
-                        sums[c][lane] += function * row[c][lane];
-                    }
+                for (sum, row) in inner.iter_mut().zip(row) {
+                    *sum = std::array::from_fn(|lane| sum[lane] + b[lane] * row[lane]);
                 }
             }
+            for (sum, inner) in sums.iter_mut().zip(&inner) {
+                *sum = std::array::from_fn(|lane| sum[lane] + a * inner[lane]);
+            }
         }
-        sums.map(|lanes| (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]))
+        sums.map(|lanes| (lanes[0] + lanes[2]) + (lanes[1] + lanes[3]))
     }
 }
 
-/// Which child holds the point; moves the point to that child's coordinates.
-fn half(point: &mut DVec2) -> usize {
-    let twice = 2.0 * *point;
-    let (x, y) = (twice.x >= 1.0, twice.y >= 1.0);
-    *point = twice - DVec2::new(f64::from(u8::from(x)), f64::from(u8::from(y)));
-    usize::from(x) | usize::from(y) << 1
+/// A point of [0, 1)² in units of 2⁻³²: within a cell, so that halving it is a shift.
+#[derive(Clone, Copy)]
+struct Fixed {
+    x: u32,
+    y: u32,
 }
 
-/// The products φ_i(x) φ_j(y) of total degree below `order`, by total degree; zeros
-/// follow.
+impl Fixed {
+    fn new(point: DVec2) -> Self {
+        // Conversion saturates, at 0 and below 1.
+        let [x, y] = (point * 2.0_f64.powi(32)).to_array().map(|x| x as u32);
+        Self { x, y }
+    }
+
+    /// Which child holds the point; moves the point to that child's coordinates.
+    fn half(&mut self) -> usize {
+        let child = self.x >> 31 | self.y >> 31 << 1;
+        self.x <<= 1;
+        self.y <<= 1;
+        child as usize
+    }
+}
+
+/// The products of the values of φ_i(x) and φ_j(y) of total degree below their number,
+/// by total degree; returns how many.
 #[inline]
-fn products<const N: usize>(order: usize, point: DVec2) -> [f32; N] {
-    let (x, y) = (values(order, point.x), values(order, point.y));
-    let mut products = [0.0; N];
+fn products(x: &[f32], y: &[f32], products: &mut [f32]) -> usize {
     let mut n = 0;
-    for degree in 0..order {
+    for degree in 0..x.len() {
         for j in 0..=degree {
             products[n] = x[degree - j] * y[j];
             n += 1;
         }
     }
-    products
+    n
 }
 
-/// φ_0(x), …, φ_(p−1)(x) in single precision.
+/// φ_0(x), …, φ_(p−1)(x) in single precision, p = `P`.
 #[inline]
-fn values(order: usize, x: f64) -> [f32; MAX_TREE_ORDER] {
-    let y = (2.0 * x - 1.0) as f32;
-    let mut values = [0.0; MAX_TREE_ORDER];
+fn values<const P: usize>(x: u32) -> [f32; P] {
+    // 2x − 1: the high bit is the sign.
+    let y = (x ^ 1 << 31).cast_signed() as f32 * 2.0_f32.powi(-31);
+    let mut values = [0.0; P];
     let (mut before, mut now) = (0.0, 1.0);
-    for k in 0..order {
-        values[k] = now * NORM[k];
+    for (k, value) in values.iter_mut().enumerate() {
+        *value = now * NORM[k];
         (before, now) = (now, NOW[k] * y * now - BEFORE[k] * before);
     }
     values
