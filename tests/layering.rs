@@ -11,6 +11,7 @@ const WRT_CORE: &[&str] = &[
     "index",
     "haar",
     "multiwavelet",
+    "sobol",
     "nusselt",
     "hemisphere",
     "convex",
@@ -44,6 +45,7 @@ const TRACER: &[&str] = &[
     "wct_texture",
     "plot",
     "bake",
+    "reference",
     "cli",
     "commands",
 ];

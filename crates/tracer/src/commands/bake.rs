@@ -31,6 +31,7 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
         recorded.insert(
             "transport".to_owned(),
             match options.transport {
+                Transport::Within(error) => format!("block within {error}"),
                 Transport::Block(block) => format!("block:{}", block.samples),
                 Transport::Recursion(method) => format!("recursion {}", method.name()),
             },
@@ -68,7 +69,6 @@ pub(crate) fn options(accuracy: &cli::Accuracy, incident: bool) -> anyhow::Resul
     let (position, direction) = accuracy.levels();
     let levels = Levels { position, direction };
     let full = levels.positions() * levels.directions();
-    let block = BlockOptions::default();
     Ok(BakeOptions {
         smooth,
         levels,
@@ -76,9 +76,10 @@ pub(crate) fn options(accuracy: &cli::Accuracy, incident: bool) -> anyhow::Resul
         emission_level: if smooth.is_some() { 7 } else { (position + 1).max(6) },
         transport: match accuracy.recursion {
             Some(method) => Transport::Recursion(method),
-            None => Transport::Block(BlockOptions {
-                samples: accuracy.samples.unwrap_or(block.samples),
-            }),
+            None => match accuracy.samples {
+                Some(samples) => Transport::Block(BlockOptions { samples }),
+                None => Transport::Within(accuracy.transport_error.unwrap_or(TRANSPORT)),
+            },
         },
         keep: match accuracy.compress {
             Some(removed) => Keep::Count(((1.0 - removed) * full as f64).ceil() as usize),
@@ -91,6 +92,9 @@ pub(crate) fn options(accuracy: &cli::Accuracy, incident: bool) -> anyhow::Resul
 
 /// The error of a smooth basis where none is asked for.
 const ERROR: f64 = 2e-3;
+
+/// The error of Haar's transport where none is asked for.
+const TRANSPORT: f64 = 2e-3;
 
 /// The error that thresholding adds to Haar's where none is asked for.
 const THRESHOLD: f64 = 2e-3;
@@ -126,6 +130,10 @@ fn table(baked: &Baked, bytes: u64) -> String {
         row("  kept", format!("{} ({:.2} %)", baked.after, share(baked.after)));
         row("compression", format!("{:.2} % removed", 100.0 - share(baked.after)));
         row("file", format!("{:.2} MB", bytes as f64 / 1e6));
+        let error = baked.transport_error.map_or("not estimated".to_owned(), |e| {
+            format!("{:.3} % relative L2 of the incident radiance, estimated", 100.0 * e)
+        });
+        row("error of transport", error);
         row("error of compression", format!("{:.3} % relative L2", 100.0 * baked.dropped));
     } else {
         row("patches", format!("{}, smooth", baked.smooth.len()));
