@@ -65,10 +65,11 @@ fn the_error_is_what_was_asked_for_and_what_is_told() {
         for asked in [3e-2, 1e-2] {
             let options = ProjectOptions { error: asked, map, ..ProjectOptions::default() };
             let made = project(&formula, &options);
-            assert!(made.error <= asked && made.error > 0.9 * asked, "{map:?}: {}", made.error);
+            assert!(made.error <= asked && made.error > 0.8 * asked, "{map:?}: {}", made.error);
             let found = error(&made.tree, glossy);
-            // 12,000 samples of a heavy-tailed error, and degrees beyond the sampled.
-            assert!((found / asked - 1.0).abs() < 0.15, "{map:?}: {found} for {asked}");
+            assert!(found <= asked, "{map:?}: {found} for {asked}");
+            // What was not sampled, and 12,000 samples of a heavy-tailed error.
+            assert!((found / made.error - 1.0).abs() < 0.17, "{map:?}: {found} {}", made.error);
         }
     }
 }
@@ -107,7 +108,7 @@ fn diffuse_light_has_no_directional_coefficients() {
     let made = project(&Formula { f, scale: f64::INFINITY }, &ProjectOptions::default());
     let census = made.tree.census();
     assert_eq!((census.positions, census.leaves, census.orders[1]), (1, 1, 1), "{census:?}");
-    assert!(error(&made.tree, f) < 2.4e-3, "{}", error(&made.tree, f));
+    assert!(error(&made.tree, f) < 2e-3, "{}", error(&made.tree, f));
 }
 
 #[test]
@@ -116,7 +117,7 @@ fn a_lobe_without_position_has_one_position_of_order_one() {
     let made = project(&Formula { f, scale: 0.2 }, &ProjectOptions::default());
     let census = made.tree.census();
     assert_eq!((census.positions, census.orders[0]), (1, 1), "{census:?}");
-    assert!(error(&made.tree, f) < 2.4e-3, "{}", error(&made.tree, f));
+    assert!(error(&made.tree, f) < 2e-3, "{}", error(&made.tree, f));
 }
 
 #[test]
@@ -138,6 +139,8 @@ fn cells_are_split_along_an_edge_and_stay_whole_elsewhere() {
     assert!(census.levels[0] >= 4, "{census:?}");
     assert!(census.positions < 8 * finest, "{census:?}");
     let found = error(&made.tree, f);
+    // At a jump degrees beyond the sampled ones have half as much energy again as is
+    // told: 5.9 % where 3.9 % is told and 5 % asked for.
     assert!(found < 0.065, "{found}, told {}", made.error);
 }
 
@@ -228,7 +231,7 @@ fn a_tile_under_a_window_is_that_of_direct_quadrature() {
             }
         }
         let found = (wrong / all).sqrt();
-        assert!(found < 0.0125, "n = {exponent}: {found}, told {}", made.error);
+        assert!(found < 0.01, "n = {exponent}: {found}, told {}", made.error);
         assert!(found > 0.0025, "n = {exponent}: {found}: more was paid for than asked");
     }
 }
