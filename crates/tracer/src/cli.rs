@@ -6,7 +6,7 @@ mod report;
 mod transport;
 mod view;
 
-pub(crate) use bake::{Accuracy, Bake};
+pub(crate) use bake::{Accuracy, Bake, Basis};
 pub(crate) use inspect::Inspect;
 pub(crate) use report::{Integrators, Oracle, Report};
 pub(crate) use transport::Transport;
