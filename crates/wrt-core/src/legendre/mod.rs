@@ -5,7 +5,8 @@
 //! smooth. Boxes are polynomials (see [`Multiwavelet`](crate::multiwavelet)); order
 //! 1 is Haar. Levels for position and for direction are independent, so that a
 //! diffuse surface has one direction cell of order 1 and a glossy one few positions.
-//! And directions lie on a square without a rim: see [`DirectionMap`].
+//! And directions lie on a square without a rim: see
+//! [`DirectionMap`](crate::DirectionMap).
 //!
 //! [`project`] samples any [`Radiance`] at Gauss nodes, best first, until the last
 //! degrees of all cells together are small, and then merges cells and lowers orders
