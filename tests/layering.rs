@@ -44,6 +44,7 @@ const TRACER: &[&str] = &[
     "render",
     "wct_texture",
     "plot",
+    "report",
     "bake",
     "reference",
     "cli",

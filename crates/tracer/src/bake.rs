@@ -7,7 +7,7 @@ mod smooth;
 
 use crate::scene::Scene;
 use check::{Checked, check};
-pub(crate) use emitters::undiminished;
+pub(crate) use emitters::emissions;
 use emitters::{Emitter, emitters};
 use glam::DVec3;
 pub(crate) use receivers::{Receiver, receivers};

@@ -8,7 +8,7 @@ mod view;
 
 pub(crate) use bake::{Accuracy, Bake, Basis};
 pub(crate) use inspect::Inspect;
-pub(crate) use report::{Integrators, Oracle, Report};
+pub(crate) use report::{Everything, Integrators, Oracle, Report, ReportPart};
 pub(crate) use transport::Transport;
 pub(crate) use view::{Fly, Render, Tone, View};
 
@@ -38,8 +38,7 @@ pub(crate) enum Command {
     Inspect(Inspect),
     /// Compute single cells of transported radiance, with their error estimates.
     Transport(Transport),
-    /// Measure the program itself.
-    #[command(subcommand)]
+    /// Measure this build on this machine: speed against error, for every part.
     Report(Report),
 }
 

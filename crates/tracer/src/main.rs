@@ -11,6 +11,7 @@ mod phong;
 mod plot;
 mod reference;
 mod render;
+mod report;
 mod scene;
 mod wct_texture;
 mod whitted;
@@ -36,8 +37,13 @@ fn run(args: &cli::Args) -> anyhow::Result<()> {
         cli::Command::Fly(args) => commands::fly::run(args),
         cli::Command::Inspect(args) => commands::inspect::run(args),
         cli::Command::Report(report) => match report {
-            cli::Report::Integrators(args) => commands::report_integrators::run(args),
-            cli::Report::Oracle(args) => commands::report_oracle::run(args),
+            cli::Report { part: Some(cli::ReportPart::Integrators(args)), .. } => {
+                commands::report_integrators::run(args)
+            }
+            cli::Report { part: Some(cli::ReportPart::Oracle(args)), .. } => {
+                commands::report_oracle::run(args)
+            }
+            cli::Report { part: None, all } => commands::report::run(all),
         },
         cli::Command::Transport(args) => commands::transport::run(args),
     }

@@ -17,12 +17,16 @@ pub(super) struct Emitter {
     pub(super) fine: Emission,
 }
 
-/// Each emitter, its picture as fine as its texture: 2^`MOST` cells a side at most.
+/// Each emitter, with a picture of this level or, if none is given, as fine as its
+/// texture: 2^`MOST` cells a side at most.
 ///
 /// # Errors
 ///
 /// If a polygon cannot be used; by name.
-pub(crate) fn undiminished(scene: &Scene) -> anyhow::Result<Vec<(Polygon, Emission)>> {
+pub(crate) fn emissions(
+    scene: &Scene,
+    level: Option<u8>,
+) -> anyhow::Result<Vec<(Polygon, Emission)>> {
     /// 48 MiB a picture.
     const MOST: u32 = 11;
     /// What a clipped outline is drawn with where there is no texture.
@@ -32,8 +36,8 @@ pub(crate) fn undiminished(scene: &Scene) -> anyhow::Result<Vec<(Polygon, Emissi
         let texture = material(scene, planar).emission_texture.map(|i| &scene.textures[i]);
         let texels = texture.map_or(1, |t| t.width.max(t.height));
         let outline = if polygon.fills_chart() { 0 } else { OUTLINE };
-        let level = texels.next_power_of_two().ilog2().max(outline).min(MOST);
-        let emission = emission(scene, planar, &polygon, level as u8);
+        let finest = texels.next_power_of_two().ilog2().max(outline).min(MOST) as u8;
+        let emission = emission(scene, planar, &polygon, level.unwrap_or(finest));
         Ok((polygon, emission))
     };
     surfaces::emitters(scene).iter().map(emitter).collect()

@@ -3,12 +3,43 @@
 use clap::{Args as ClapArgs, Subcommand};
 use std::path::PathBuf;
 
+#[derive(Debug, ClapArgs)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub(crate) struct Report {
+    #[command(subcommand)]
+    pub(crate) part: Option<ReportPart>,
+
+    #[command(flatten)]
+    pub(crate) all: Everything,
+}
+
 #[derive(Debug, Subcommand)]
-pub(crate) enum Report {
+pub(crate) enum ReportPart {
     /// Compare integration methods as the paper's Fig. 4 and 5 do.
     Integrators(Integrators),
     /// Count what geometry alone decides, and check it by quadrature.
     Oracle(Oracle),
+}
+
+/// All parts, on one page.
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Everything {
+    /// Folder for index.html and a .csv file for each table; made if it does not
+    /// exist.
+    #[arg(short, long, value_name = "FOLDER", required = true)]
+    pub(crate) output: Option<PathBuf>,
+
+    /// Folder with the repository's scenes.
+    #[arg(long, value_name = "FOLDER", default_value = "scenes")]
+    pub(crate) scenes: PathBuf,
+
+    /// Small pictures and few runs: about a minute instead of about twenty.
+    #[arg(long)]
+    pub(crate) quick: bool,
+
+    /// Only these sections, by the name in their address on the page.
+    #[arg(long, value_name = "NAME", value_delimiter = ',')]
+    pub(crate) only: Vec<String>,
 }
 
 #[derive(Debug, ClapArgs)]

@@ -3,8 +3,10 @@
 
 mod light;
 mod picture;
+mod quadrature;
 
 pub(crate) use picture::{Estimate, ReferenceOptions, Target, render_reference};
+pub(crate) use quadrature::Quadrature;
 
 use crate::bake::{self, Receiver};
 use crate::render::splitmix;
@@ -42,17 +44,11 @@ impl Lighting {
     /// If nothing emits or receives, or a polygon cannot be used; by name.
     pub(crate) fn new(scene: &Scene) -> anyhow::Result<Self> {
         let receivers = bake::receivers(scene, &mut Vec::new())?;
-        let lights: Vec<Light> = bake::undiminished(scene)?
+        let lights: Vec<Light> = bake::emissions(scene, None)?
             .into_iter()
             .filter_map(|(polygon, emission)| Light::new(&polygon, emission))
             .collect();
-        let mut triangles: Vec<Vec<Option<u32>>> =
-            scene.meshes.iter().map(|mesh| vec![None; mesh.triangles.len()]).collect();
-        for (i, receiver) in receivers.iter().enumerate() {
-            for &triangle in &receiver.planar.triangles {
-                triangles[receiver.planar.mesh][triangle as usize] = Some(i as u32);
-            }
-        }
+        let triangles = receivers_of(scene, &receivers);
         Ok(Self { lights, receivers: receivers.iter().map(Reflector::new).collect(), triangles })
     }
 
@@ -103,6 +99,18 @@ impl Lighting {
         }
         sum
     }
+}
+
+/// Per mesh and triangle: which receiver it is part of.
+fn receivers_of(scene: &Scene, receivers: &[Receiver]) -> Vec<Vec<Option<u32>>> {
+    let mut triangles: Vec<Vec<Option<u32>>> =
+        scene.meshes.iter().map(|mesh| vec![None; mesh.triangles.len()]).collect();
+    for (i, receiver) in receivers.iter().enumerate() {
+        for &triangle in &receiver.planar.triangles {
+            triangles[receiver.planar.mesh][triangle as usize] = Some(i as u32);
+        }
+    }
+    triangles
 }
 
 impl Reflector {
