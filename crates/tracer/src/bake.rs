@@ -6,9 +6,10 @@ mod receivers;
 
 use crate::scene::Scene;
 use check::{Checked, check};
+pub(crate) use emitters::undiminished;
 use emitters::{Emitter, emitters};
 use glam::DVec3;
-use receivers::receivers;
+pub(crate) use receivers::{Receiver, receivers};
 use std::{
     collections::BTreeMap,
     time::{Duration, Instant},

@@ -23,5 +23,7 @@ pub use integrate::{
 };
 pub use oracle::{Verdict, oracle};
 pub use pair::{Pair, Support};
-pub use recursion::{Counts, RecursionOptions, transport_coefficient, transport_tree};
+pub use recursion::{
+    Counts, RecursionOptions, transport_coefficient, transport_tree, transport_tree_below,
+};
 pub use sparse::{Sparse, transport_sparse};

@@ -5,6 +5,7 @@ use super::super::pair::{Overlap, Pair};
 use super::events::Event;
 use super::nested::{self, Node};
 use super::strips::Strip;
+use crate::Chart;
 use glam::DVec3;
 
 /// What bounds a piece in φ.
@@ -150,7 +151,9 @@ impl Piece {
         for (i, node) in rules[1].iter().enumerate() {
             out.errors[0] += node.weight * (columns[i] - coarse_columns[i]).abs();
         }
-        out.errors = out.errors.map(|difference| nested::error(difference, out.value));
+        if at.smooth {
+            out.errors = out.errors.map(|difference| nested::error(difference, out.value));
+        }
         out
     }
 
@@ -176,11 +179,31 @@ pub(super) struct Pieces<'a, 'b> {
     pub(super) pair: &'a Pair<'b>,
     pub(super) events: &'a [Event],
     pub(super) strips: &'a [Strip],
-    pub(super) rounding: Rounding,
+    rounding: Rounding,
+    /// Whether longer rules gain what they do for functions analytic well beyond
+    /// their piece. Near a corner that is all but doubled a perspective chart's
+    /// Jacobian has a pole: there the difference of two rules is taken as it is.
+    smooth: bool,
+}
+
+impl<'a, 'b> Pieces<'a, 'b> {
+    pub(super) fn of(pair: &'a Pair<'b>, events: &'a [Event], strips: &'a [Strip]) -> Self {
+        let smooth = match pair.geometry().dest().chart() {
+            Chart::Perspective { to_uv, .. } => {
+                let corners = pair.dests().iter().flat_map(|dest| dest.vertices());
+                let weights = corners.map(|p| (*to_uv * p.extend(1.0)).z.abs());
+                let (least, most) =
+                    weights.fold((f64::INFINITY, 0.0_f64), |(a, b), w| (a.min(w), b.max(w)));
+                least > 0.01 * most
+            }
+            Chart::Rectilinear { .. } | Chart::Bilinear { .. } => true,
+        };
+        Self { pair, events, strips, rounding: Rounding::of(pair), smooth }
+    }
 }
 
 /// What rounding leaves of an overlap area.
-pub(super) struct Rounding {
+struct Rounding {
     /// The farthest coordinate that enters.
     reach: f64,
     /// Area in (u, v) per area in the plane, of the dest's cell on average.
@@ -190,7 +213,7 @@ pub(super) struct Rounding {
 }
 
 impl Rounding {
-    pub(super) fn of(pair: &Pair<'_>) -> Self {
+    fn of(pair: &Pair<'_>) -> Self {
         let sources = pair.sources().iter().flatten().map(|(s, _)| s.abs().max_element());
         let dests = pair.dests().iter().flat_map(|d| d.vertices()).map(|d| d.abs().max_element());
         let whole = pair.dests().iter().map(|d| pair.geometry().dest().chart().area(d)).sum();
