@@ -6,9 +6,9 @@ mod report;
 mod transport;
 mod view;
 
-pub(crate) use bake::{Accuracy, Bake};
+pub(crate) use bake::{Accuracy, Bake, Basis};
 pub(crate) use inspect::Inspect;
-pub(crate) use report::{Integrators, Report};
+pub(crate) use report::{Integrators, Oracle, Report};
 pub(crate) use transport::Transport;
 pub(crate) use view::{Fly, Render, Tone, View};
 
