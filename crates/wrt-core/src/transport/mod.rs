@@ -11,6 +11,7 @@ mod recursion;
 mod refine;
 mod resample;
 mod slice;
+mod sparse;
 mod stencil;
 
 pub use block::{BlockOptions, Source, Transported, transport_block, transport_within};
@@ -25,3 +26,4 @@ pub use pair::{Pair, Support};
 pub use recursion::{
     Counts, RecursionOptions, transport_coefficient, transport_tree, transport_tree_below,
 };
+pub use sparse::{Sparse, transport_sparse};
