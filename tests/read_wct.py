@@ -26,6 +26,8 @@ def read(path):
     patches = {}
     for patch in json.loads(raw[64:data])["patches"]:
         for name, s in patch["sections"].items():
+            if s["codec"] != "raw":
+                sys.exit(f"{path}: {s['codec']} code; tracer convert --raw makes a file to be read here")
             at = data + s["offset"]
             array = np.frombuffer(raw[at : at + s["nbytes"]], DTYPES[s["dtype"]])
             patch[name] = array.reshape(s["shape"])

@@ -59,5 +59,5 @@ pub use interaction::{LobeMatrix, Phong, phong_lobe, reflect};
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
 pub use sampler::Sampler;
-pub use tree::{Compression, Keep, Node, Tree, TreeBuilder};
+pub use tree::{Compression, Difference, Keep, Node, Quantisation, Tree, TreeBuilder};
 pub use wct_file::{Patch, PatchGeometry, WctFile};

@@ -18,12 +18,16 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     let scene = super::load(&args.scene)?;
     let mut options = options(&args.accuracy);
     options.incident = args.incident;
+    options.quantise = !args.raw;
     let baked = baked(&scene, &options, args.threads)
         .with_context(|| format!("baking {}", args.scene.display()))?;
     let mut recorded = BTreeMap::new();
     let Levels { position, direction } = options.levels;
     recorded.insert("levels".to_owned(), format!("{position},{direction}"));
     recorded.insert("keep".to_owned(), format!("{:?}", options.keep));
+    let is_quantised = options.quantise && matches!(options.keep, Keep::RelativeError(_));
+    recorded
+        .insert("storage".to_owned(), if is_quantised { "quantised" } else { "raw" }.to_owned());
     recorded.insert(
         "transport".to_owned(),
         match options.transport {
@@ -59,6 +63,7 @@ pub(crate) fn options(accuracy: &cli::Accuracy) -> BakeOptions {
             Some(removed) => Keep::Count(((1.0 - removed) * full as f64).ceil() as usize),
             None => Keep::RelativeError(accuracy.threshold),
         },
+        quantise: true,
         incident: false,
         checks: accuracy.checks,
     }

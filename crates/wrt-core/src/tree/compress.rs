@@ -66,7 +66,7 @@ impl Tree {
     }
 
     /// The tree with the coefficients that `keeps` marks.
-    fn filtered(&self, keeps: &[bool]) -> Self {
+    pub(super) fn filtered(&self, keeps: &[bool]) -> Self {
         let nu_mask = |node: &Node| {
             (1..16)
                 .filter(|&nu| node.coefficient(nu).is_some_and(|c| keeps[c]))
@@ -78,12 +78,7 @@ impl Tree {
             alive[i] = nu_mask(node) != 0
                 || (0..16).any(|m| node.child(m).is_some_and(|child| alive[child]));
         }
-        let mut out = Self {
-            levels: self.levels,
-            root: self.root,
-            nodes: Vec::new(),
-            coefficients: Vec::new(),
-        };
+        let mut out = Self { root: self.root, ..Self::dark(self.levels) };
         let mut next_child = 1;
         for (node, _) in self.nodes.iter().zip(&alive).filter(|(_, alive)| **alive) {
             let child_mask = (0..16)
