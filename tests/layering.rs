@@ -16,6 +16,7 @@ const WRT_CORE: &[&str] = &[
     "polygon",
     "grid",
     "tree",
+    "radiometry",
     "emission",
     "transport",
     "interaction",
