@@ -10,6 +10,7 @@ const WRT_CORE: &[&str] = &[
     "error",
     "index",
     "haar",
+    "sobol",
     "nusselt",
     "convex",
     "chart",
@@ -40,6 +41,7 @@ const TRACER: &[&str] = &[
     "wct_texture",
     "plot",
     "bake",
+    "reference",
     "cli",
     "commands",
 ];

@@ -65,6 +65,18 @@ impl Default for RenderOptions {
 pub(crate) struct RenderStats {
     /// Camera, shadow, mirror and refraction rays.
     pub(crate) rays: u64,
+    /// How often a patch's radiance was asked for.
+    pub(crate) look_ups: u64,
+}
+
+impl std::iter::Sum for RenderStats {
+    fn sum<I: Iterator<Item = Self>>(parts: I) -> Self {
+        let zero = Self::default();
+        parts.fold(zero, |sum, part| Self {
+            rays: sum.rays + part.rays,
+            look_ups: sum.look_ups + part.look_ups,
+        })
+    }
 }
 
 /// Renders `scene` as `camera` sees it. `progress` is called after each row of
@@ -96,32 +108,33 @@ pub(crate) fn render(
         .num_threads(options.threads)
         .build()
         .with_context(|| format!("starting {} threads", options.threads))?;
-    let rays = pool.install(|| {
+    let stats = pool.install(|| {
         let rows = pixels.par_chunks_mut(width.max(1)).enumerate().with_max_len(1);
         rows.map(|(y, row)| {
-            let mut rays = 0;
+            let mut stats = RenderStats::default();
             for (x, pixel) in row.iter_mut().enumerate() {
-                *pixel = pixel_radiance(&whitted, &pinhole, options, x, y, &mut rays);
+                *pixel = pixel_radiance(&whitted, &pinhole, options, x, y, &mut stats);
             }
             progress();
-            rays
+            stats
         })
         .sum()
     });
-    Ok((Film { width, height, pixels }, RenderStats { rays }))
+    Ok((Film { width, height, pixels }, stats))
 }
 
-/// Mean over the pixel's samples; adds its rays to `rays`.
+/// Mean over the pixel's samples; adds what they cost to `stats`.
 fn pixel_radiance(
     whitted: &Whitted<'_>,
     pinhole: &Pinhole,
     options: &RenderOptions,
     x: usize,
     y: usize,
-    rays: &mut u64,
+    stats: &mut RenderStats,
 ) -> Vec3 {
     let pixel = (y * options.width + x) as u64;
     let shift = unit_cube(options.seed, pixel);
+    let scramble = splitmix(splitmix(options.seed).wrapping_add(pixel));
     let samples = options.samples.max(1);
     let mut sum = Vec3::ZERO;
     for i in 0..samples {
@@ -129,9 +142,11 @@ fn pixel_radiance(
         let at_x = (x as f64 + 0.5 + tent(point.x)) / options.width as f64;
         let at_y = (y as f64 + 0.5 + tent(point.y)) / options.height as f64;
         let (origin, direction) = pinhole.ray(at_x, at_y);
-        let mut sample = Sample { place: DVec2::new(point.z, point.w), rays: 0 };
+        let place = DVec2::new(point.z, point.w);
+        let mut sample = Sample { place, index: i, scramble, ..Sample::default() };
         sum += whitted.radiance(origin, direction, &mut sample);
-        *rays += sample.rays;
+        stats.rays += sample.rays;
+        stats.look_ups += sample.look_ups;
     }
     sum / samples as f32
 }
@@ -152,7 +167,7 @@ fn unit_cube(seed: u64, pixel: u64) -> DVec4 {
 
 /// Scrambles 64 bits (G. Steele, D. Lea and C. Flood, *Fast Splittable
 /// Pseudorandom Number Generators*, OOPSLA 2014).
-fn splitmix(x: u64) -> u64 {
+pub(crate) fn splitmix(x: u64) -> u64 {
     let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

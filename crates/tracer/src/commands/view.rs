@@ -3,6 +3,7 @@
 use crate::accel::Accel;
 use crate::cli;
 use crate::film::{Display, Film, Tone};
+use crate::reference::{Estimate, Lighting, ReferenceOptions, Target, render_reference};
 use crate::render::{RenderOptions, RenderStats, render};
 use crate::scene::{Camera, Scene, surfaces};
 use crate::wct_texture::WctTexture;
@@ -48,14 +49,37 @@ impl<'a> Stage<'a> {
         Ok(Self { accel: Accel::new(&scene), scene, texture, view })
     }
 
+    /// Loads the scene to be rendered without wavelets.
+    pub(super) fn without_radiance(path: &Path, view: &'a cli::View) -> anyhow::Result<Self> {
+        let scene = super::load(path)?;
+        Ok(Self { accel: Accel::new(&scene), scene, texture: None, view })
+    }
+
     /// What `camera` sees; `progress` is called after each row.
     pub(super) fn render(
         &self,
         camera: &Camera,
         progress: &(dyn Fn() + Sync),
     ) -> anyhow::Result<(Film, RenderStats)> {
+        let patches = self.texture.as_ref().map(|texture| texture as &dyn PatchRadiance);
+        render(&self.scene, &self.accel, patches, camera, &self.options(camera), progress)
+    }
+
+    /// What `camera` sees where emitters are sampled in place of patches.
+    pub(super) fn render_reference(
+        &self,
+        camera: &Camera,
+        target: Target,
+        progress: &(dyn Fn() + Sync),
+    ) -> anyhow::Result<(Film, RenderStats, Estimate)> {
+        let lighting = Lighting::new(&self.scene)?;
+        let options = ReferenceOptions { render: self.options(camera), target };
+        render_reference(&self.scene, &self.accel, &lighting, camera, &options, progress)
+    }
+
+    fn options(&self, camera: &Camera) -> RenderOptions {
         let (width, height) = self.size(camera);
-        let options = RenderOptions {
+        RenderOptions {
             width,
             height,
             samples: self.view.samples,
@@ -64,9 +88,7 @@ impl<'a> Stage<'a> {
             threads: self.view.threads,
             seed: self.view.seed,
             background: Vec3::ZERO,
-        };
-        let patches = self.texture.as_ref().map(|texture| texture as &dyn PatchRadiance);
-        render(&self.scene, &self.accel, patches, camera, &options, progress)
+        }
     }
 
     /// Pixels across and down.
