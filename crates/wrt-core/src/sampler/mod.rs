@@ -19,7 +19,7 @@ use rim::Rim;
 ///
 /// All coefficients are pushed down once and laid out in bricks of 4⁴ cells, so
 /// that a look-up is a table's entry, an index and a value, whatever the depth of
-/// the tree: see [`bricks`].
+/// the tree.
 ///
 /// A tree's means count zeros outside the UDC. Here a finest direction cell of
 /// which a fraction f lies inside has its mean divided by f, so that radiance
