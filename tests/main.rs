@@ -6,6 +6,7 @@ mod interaction;
 mod layering;
 mod paper;
 mod render;
+mod smooth;
 mod support;
 mod transport;
 mod wct_file;

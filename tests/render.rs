@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 
 /// The chapel in a folder of its own, lit by the window alone.
-fn chapel_by_window_light(chapel: &Chapel, folder: &Folder) -> String {
+pub(crate) fn chapel_by_window_light(chapel: &Chapel, folder: &Folder) -> String {
     let mut document = chapel.document.clone();
     document["scenes"][0]["extras"]["wrt"]["ambient"] = json!([0, 0, 0]);
     for node in document["nodes"].as_array_mut().expect("a list of nodes") {
@@ -31,7 +31,7 @@ fn chapel_by_window_light(chapel: &Chapel, folder: &Folder) -> String {
 
 /// Pixels of a camera whose centres lie on tiles, 10 cm or more from their sides,
 /// and what brute force says of them.
-struct Probes {
+pub(crate) struct Probes {
     camera: &'static str,
     pixels: Vec<[usize; 2]>,
     expected: Vec<[f64; 3]>,
@@ -41,7 +41,7 @@ impl Probes {
     const SIZE: [usize; 2] = [320, 240];
 
     /// Those of a lattice `STEP` pixels apart.
-    fn new(chapel: &Chapel, camera: &'static str) -> Self {
+    pub(crate) fn new(chapel: &Chapel, camera: &'static str) -> Self {
         const STEP: usize = 20;
         let pinhole = chapel.camera(camera);
         let along = |n: usize| (STEP / 2..n).step_by(STEP);
@@ -60,7 +60,7 @@ impl Probes {
     }
 
     /// The relative RMS error of a picture of `scene` by `wct` at these pixels.
-    fn error(&self, scene: &str, wct: &str) -> f64 {
+    pub(crate) fn error(&self, scene: &str, wct: &str) -> f64 {
         let found = self.rendered(scene, &["--wct", wct]);
         let error = relative_rms(&found, &self.expected);
         eprintln!("{}: {} pixels, relative RMS {:.2} %", self.camera, found.len(), 100.0 * error);

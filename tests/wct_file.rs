@@ -44,6 +44,7 @@ fn tiny() -> WctFile {
     };
     WctFile {
         patches: vec![floor, lamp],
+        smooth: vec![],
         generator: "test 1".to_owned(),
         input_hash: "crc32:00000000".to_owned(),
         options: [("levels".to_owned(), "1,2".to_owned())].into(),
@@ -132,6 +133,7 @@ fn file() -> impl Strategy<Value = WctFile> {
     (patches, any::<String>(), any::<BTreeMap<String, String>>()).prop_map(
         |(patches, generator, options)| WctFile {
             patches,
+            smooth: vec![],
             generator,
             input_hash: String::new(),
             options,

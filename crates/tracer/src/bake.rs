@@ -3,6 +3,7 @@
 mod check;
 mod emitters;
 mod receivers;
+mod smooth;
 
 use crate::scene::Scene;
 use check::{Checked, check};
@@ -21,13 +22,15 @@ use wrt_core::transport::{
 };
 use wrt_core::wct_file::{ChartKind, Side};
 use wrt_core::{
-    Emission, Grid, Keep, Levels, Lobe, LobeMatrix, Patch, PatchGeometry, Polygon, Sampler, Tree,
-    TreeBuilder, reflect,
+    Emission, Grid, Keep, Levels, Lobe, LobeMatrix, Patch, PatchGeometry, Polygon, Sampler,
+    SmoothPatch, Tree, TreeBuilder, reflect,
 };
 
 /// How to bake.
 #[derive(Clone, Debug)]
 pub(crate) struct BakeOptions {
+    /// The error asked of the reflected radiance in a smooth basis; `None` for Haar.
+    pub(crate) smooth: Option<f64>,
     /// Levels of the incident and of the reflected radiance.
     pub(crate) levels: Levels,
     /// Level of the emitters' pictures.
@@ -83,15 +86,17 @@ impl Stage {
 }
 
 /// What a bake made, and what it cost.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Baked {
     pub(crate) patches: Vec<Patch>,
+    pub(crate) smooth: Vec<SmoothPatch>,
     /// Of the reflected radiance, summed over the patches.
     pub(crate) before: usize,
     pub(crate) after: usize,
-    /// Coefficients that the full basis would have.
+    /// Coefficients that the full basis would have; 0 for a smooth one, which has no
+    /// end.
     pub(crate) full: usize,
-    /// ‖dropped‖ / ‖L‖ over all patches.
+    /// ‖left out‖ / ‖L‖ over all patches.
     pub(crate) dropped: f64,
     /// Relative RMS error of the reflected radiance as it will be looked up,
     /// against direct quadrature at random points and directions; `None` if
@@ -118,34 +123,20 @@ pub(crate) fn bake(
     options: &BakeOptions,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> anyhow::Result<Baked> {
+    if let Some(error) = options.smooth {
+        return smooth::bake(scene, options, error, progress);
+    }
     let mut clock = Clock::default();
     let mut warnings = Vec::new();
     let (emitters, receivers) = clock.time(Stage::Project, || {
         anyhow::Ok((emitters(scene, options)?, receivers(scene, &mut warnings)?))
     })?;
     let mut hash = Hash::default();
-    for emitter in &emitters {
-        hash.points(&emitter.polygon.vertices());
-        hash.add(emitter.fine.picture().iter().flatten().flat_map(|x| x.to_le_bytes()));
-        if let Lobe::Cosine { exponent, peak } = emitter.emission.lobe() {
-            hash.points(&[peak, DVec3::splat(exponent)]);
-        }
-    }
+    emitters.iter().for_each(|emitter| hash.emitter(emitter));
     let direct: Vec<(Polygon, Emission)> =
         emitters.iter().map(|e| (e.polygon.clone(), e.fine.clone())).collect();
     let mut lobes: BTreeMap<u64, LobeMatrix> = BTreeMap::new();
-    let mut baked = Baked {
-        patches: Vec::new(),
-        before: 0,
-        after: 0,
-        full: 0,
-        dropped: 0.0,
-        error: None,
-        transport_error: None,
-        times: [Duration::ZERO; Stage::ALL.len()],
-        input_hash: 0,
-        warnings,
-    };
+    let mut baked = Baked { warnings, ..Baked::default() };
     let (mut energy, mut lost) = (0.0, 0.0);
     let (mut arrived, mut off) = (0.0, Some(0.0));
     let mut checked = Checked::default();
@@ -153,9 +144,7 @@ pub(crate) fn bake(
     let mut waiting: Vec<(&Receiver, Side, Grid)> = Vec::new();
     progress(0, receivers.len());
     for (i, receiver) in receivers.iter().enumerate() {
-        hash.points(&receiver.polygon.vertices());
-        hash.points(&[receiver.phong.kd.into(), receiver.phong.ks.into()]);
-        hash.points(&[DVec3::splat(receiver.phong.exponent)]);
+        hash.receiver(receiver);
         let (incident, error) =
             clock.time(Stage::Transport, || transport(&emitters, &receiver.polygon, options));
         arrived += incident.norm_squared();
@@ -188,7 +177,9 @@ pub(crate) fn bake(
                 }
                 let error_estimate = if side == Side::Outgoing && options.checks > 0 {
                     clock.time(Stage::Check, || {
-                        let own = check(receiver, &direct, &Sampler::new(&tree), options.checks);
+                        let sampler = Sampler::new(&tree);
+                        let look_up = |q: [f64; 4], _| sampler.multilinear(q);
+                        let own = check(receiver, &direct, &look_up, options.checks);
                         checked.add(&own);
                         own.relative()
                     })
@@ -311,6 +302,20 @@ impl Hash {
         for byte in bytes {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
         }
+    }
+
+    fn emitter(&mut self, emitter: &Emitter) {
+        self.points(&emitter.polygon.vertices());
+        self.add(emitter.fine.picture().iter().flatten().flat_map(|x| x.to_le_bytes()));
+        if let Lobe::Cosine { exponent, peak } = emitter.emission.lobe() {
+            self.points(&[peak, DVec3::splat(exponent)]);
+        }
+    }
+
+    fn receiver(&mut self, receiver: &Receiver) {
+        self.points(&receiver.polygon.vertices());
+        self.points(&[receiver.phong.kd.into(), receiver.phong.ks.into()]);
+        self.points(&[DVec3::splat(receiver.phong.exponent)]);
     }
 
     fn points(&mut self, points: &[DVec3]) {

@@ -7,10 +7,10 @@ mod report;
 mod transport;
 mod view;
 
-pub(crate) use bake::{Accuracy, Bake};
+pub(crate) use bake::{Accuracy, Bake, Basis};
 pub(crate) use convert::Convert;
 pub(crate) use inspect::Inspect;
-pub(crate) use report::{Integrators, Report};
+pub(crate) use report::{Integrators, Oracle, Report};
 pub(crate) use transport::Transport;
 pub(crate) use view::{Fly, Render, Tone, View};
 

@@ -38,6 +38,7 @@ fn run(args: &cli::Args) -> anyhow::Result<()> {
         cli::Command::Inspect(args) => commands::inspect::run(args),
         cli::Command::Report(report) => match report {
             cli::Report::Integrators(args) => commands::report_integrators::run(args),
+            cli::Report::Oracle(args) => commands::report_oracle::run(args),
         },
         cli::Command::Transport(args) => commands::transport::run(args),
     }

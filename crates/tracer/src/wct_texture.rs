@@ -3,9 +3,10 @@
 use crate::scene::{Scene, surfaces};
 use crate::whitted::{PatchRadiance, Sample};
 use anyhow::bail;
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
+use wrt_core::legendre::LegendreSampler;
 use wrt_core::wct_file::Side;
-use wrt_core::{Frame, Nusselt, Patch, Sampler};
+use wrt_core::{Frame, Nusselt, Patch, Sampler, SmoothPatch};
 
 /// The outgoing patches of a file, bound to a scene's triangles.
 #[derive(Debug)]
@@ -18,8 +19,15 @@ pub(crate) struct WctTexture {
 #[derive(Debug)]
 struct Bound {
     frame: Frame,
-    size: glam::DVec2,
-    sampler: Sampler,
+    size: DVec2,
+    sampler: LookUp,
+}
+
+/// Radiance in either basis.
+#[derive(Debug)]
+enum LookUp {
+    Haar(Sampler),
+    Smooth(LegendreSampler),
 }
 
 impl WctTexture {
@@ -28,25 +36,33 @@ impl WctTexture {
     /// # Errors
     ///
     /// If a patch has no polygon of its name in the scene, or lies elsewhere.
-    pub(crate) fn bind(patches: &[Patch], scene: &Scene) -> anyhow::Result<Self> {
+    pub(crate) fn bind(
+        patches: &[Patch],
+        smooth: &[SmoothPatch],
+        scene: &Scene,
+    ) -> anyhow::Result<Self> {
         let polygons = surfaces::planar_polygons(scene);
         let mut texture = Self {
             patches: Vec::new(),
             triangles: scene.meshes.iter().map(|mesh| vec![None; mesh.triangles.len()]).collect(),
         };
-        for patch in patches.iter().filter(|patch| patch.side == Side::Outgoing) {
-            let name = &patch.name;
+        let haar = patches.iter().filter(|patch| patch.side == Side::Outgoing);
+        let haar = haar.map(|p| (&p.name, &p.polygon, LookUp::Haar(Sampler::new(&p.tree))));
+        let smooth = smooth
+            .iter()
+            .map(|p| (&p.name, &p.polygon, LookUp::Smooth(LegendreSampler::new(&p.tree))));
+        for (name, geometry, sampler) in haar.chain(smooth) {
             let Some(planar) = polygons.iter().find(|planar| planar.name == *name) else {
                 bail!(
                     "the scene has no planar surface named \"{name}\", which the .wct file has a patch for: was it baked from another scene?"
                 );
             };
-            let polygon = patch.polygon.to_polygon()?;
+            let polygon = geometry.to_polygon()?;
             let extent = polygon.size().unwrap_or_default().length();
             let off = |(a, b): (&DVec3, &[f64; 3])| a.distance(DVec3::from(*b));
-            let pairs = planar.vertices.iter().zip(&patch.polygon.vertices);
+            let pairs = planar.vertices.iter().zip(&geometry.vertices);
             let distance = pairs.map(off).fold(0.0, f64::max);
-            if planar.vertices.len() != patch.polygon.vertices.len() || distance > 1e-5 * extent {
+            if planar.vertices.len() != geometry.vertices.len() || distance > 1e-5 * extent {
                 bail!(
                     "the patch \"{name}\" lies elsewhere than the scene's surface of that name: bake the scene again"
                 );
@@ -58,11 +74,7 @@ impl WctTexture {
                 texture.triangles[planar.mesh][triangle as usize] =
                     Some(texture.patches.len() as u32);
             }
-            texture.patches.push(Bound {
-                frame: *polygon.frame(),
-                size,
-                sampler: Sampler::new(&patch.tree),
-            });
+            texture.patches.push(Bound { frame: *polygon.frame(), size, sampler });
         }
         if texture.patches.is_empty() {
             bail!("the .wct file holds no outgoing radiance");
@@ -92,8 +104,11 @@ impl PatchRadiance for WctTexture {
         // Just inside: a hit on the border may round to the outside.
         let coordinate = |x: f64, size: f64| (x / size).clamp(0.0, 1.0 - f64::EPSILON);
         let (u, v) = (coordinate(local.x, patch.size.x), coordinate(local.y, patch.size.y));
-        let radiance = patch.sampler.multilinear([u, v, q.kappa, q.lambda]);
-        // Thresholding can leave a little less than no light.
+        let radiance = match &patch.sampler {
+            LookUp::Haar(sampler) => sampler.multilinear([u, v, q.kappa, q.lambda]),
+            LookUp::Smooth(sampler) => sampler.radiance(DVec2::new(u, v), mu),
+        };
+        // Thresholding and polynomials can leave a little less than no light.
         Some(Vec3::from(radiance).max(Vec3::ZERO))
     }
 }

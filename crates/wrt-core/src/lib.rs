@@ -30,6 +30,7 @@
 //! from the surface: incident ones to where the light comes from, outgoing ones to
 //! the eye. Computation is in f64, coefficients are stored in f32.
 
+pub mod beams;
 mod chart;
 mod convex;
 mod emission;
@@ -37,9 +38,12 @@ mod error;
 mod gather;
 pub mod grid;
 mod haar;
+mod hemisphere;
 mod index;
 mod interaction;
+pub mod legendre;
 pub mod metrics;
+pub mod multiwavelet;
 mod nusselt;
 mod polygon;
 mod radiometry;
@@ -56,6 +60,7 @@ pub use error::{Error, Result};
 pub use gather::gather;
 pub use grid::{Grid, Rgb};
 pub use haar::{CHILDREN, pull, push};
+pub use hemisphere::DirectionMap;
 pub use index::{Cell, Levels, WaveletIndex, children};
 pub use interaction::{BrdfTree, Interface, LobeMatrix, Phong, mirrored, phong_lobe, reflect};
 pub use nusselt::{Nusselt, udc_fraction};
@@ -64,4 +69,4 @@ pub use radiometry::Irradiance;
 pub use sampler::{MipSampler, Sampler};
 pub use sobol::sobol;
 pub use tree::{Compression, Difference, Keep, Node, Quantisation, Tree, TreeBuilder};
-pub use wct_file::{Patch, PatchGeometry, WctFile};
+pub use wct_file::{Patch, PatchGeometry, SmoothPatch, WctFile};

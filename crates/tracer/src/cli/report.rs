@@ -7,6 +7,8 @@ use std::path::PathBuf;
 pub(crate) enum Report {
     /// Compare integration methods as the paper's Fig. 4 and 5 do.
     Integrators(Integrators),
+    /// Count what geometry alone decides, and check it by quadrature.
+    Oracle(Oracle),
 }
 
 #[derive(Debug, ClapArgs)]
@@ -16,6 +18,17 @@ pub(crate) struct Integrators {
     pub(crate) output: PathBuf,
 
     /// Two geometries and few samples: seconds instead of minutes.
+    #[arg(long)]
+    pub(crate) quick: bool,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Oracle {
+    /// Folder for oracle.csv; made if it does not exist.
+    #[arg(short, long, value_name = "FOLDER")]
+    pub(crate) output: PathBuf,
+
+    /// The first four pairs of levels only.
     #[arg(long)]
     pub(crate) quick: bool,
 }

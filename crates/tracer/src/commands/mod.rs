@@ -6,6 +6,7 @@ pub(crate) mod fly;
 pub(crate) mod inspect;
 pub(crate) mod render;
 pub(crate) mod report_integrators;
+pub(crate) mod report_oracle;
 pub(crate) mod transport;
 mod view;
 

@@ -205,7 +205,7 @@ fn reference_method() -> anyhow::Result<Method> {
 }
 
 /// Unit squares, the destination a floor of normal +y.
-fn geometries() -> anyhow::Result<Vec<(&'static str, TransportGeometry)>> {
+pub(super) fn geometries() -> anyhow::Result<Vec<(&'static str, TransportGeometry)>> {
     let floor = Polygon::rectangle(DVec3::ZERO, DVec3::Z, DVec3::X)?;
     let source = |origin, u, v| -> anyhow::Result<TransportGeometry> {
         Ok(TransportGeometry::new(Polygon::rectangle(origin, u, v)?, floor.clone()))

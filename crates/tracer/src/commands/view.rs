@@ -29,7 +29,7 @@ impl<'a> Stage<'a> {
         let texture = match &view.wct {
             Some(path) => WctFile::read(path)
                 .map_err(anyhow::Error::from)
-                .and_then(|file| WctTexture::bind(&file.patches, &scene))
+                .and_then(|file| WctTexture::bind(&file.patches, &file.smooth, &scene))
                 .map(Some)
                 .with_context(|| format!("{}", path.display()))?,
             None if surfaces::emitters(&scene).is_empty()
@@ -40,10 +40,10 @@ impl<'a> Stage<'a> {
             }
             None => {
                 eprintln!("tracer: no --wct given: baking in memory first");
-                let options = super::bake::options(&cli::Accuracy::default());
+                let options = super::bake::options(&cli::Accuracy::default(), false)?;
                 let baked = super::bake::baked(&scene, &options, view.threads)
                     .with_context(|| format!("baking {}", path.display()))?;
-                Some(WctTexture::bind(&baked.patches, &scene)?)
+                Some(WctTexture::bind(&baked.patches, &baked.smooth, &scene)?)
             }
         };
         Ok(Self { accel: Accel::new(&scene), scene, texture, view })

@@ -1,6 +1,7 @@
 //! The JSON description. Fields are in alphabetical order: they are written in
 //! the order they are declared.
 
+use super::smooth::SmoothDescription;
 use crate::grid::Rgb;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -55,6 +56,8 @@ pub(super) struct Description {
     /// For what a later version adds to the whole file: read past, not written.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub(super) sections: BTreeMap<String, Section>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) smooth_patches: Vec<SmoothDescription>,
     pub(super) units: String,
 }
 

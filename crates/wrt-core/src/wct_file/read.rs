@@ -5,7 +5,8 @@ use super::description::{
     REGION_HAAR, Section, TREE, UNITS,
 };
 use super::header::{ALIGN, Header};
-use super::{Patch, PatchGeometry, WctFile};
+use super::smooth::{self, SmoothDescription};
+use super::{Patch, PatchGeometry, SmoothPatch, WctFile};
 use crate::{Error, Levels, Result, Tree};
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -79,8 +80,17 @@ impl WctFile {
             }
             data.patch(i, patch)
         });
+        let patches = patches.collect::<Result<_>>()?;
+        let smooth = description.smooth_patches.into_iter().enumerate().map(|(i, patch)| {
+            if !names.insert(patch.name.clone()) {
+                let reason = "an earlier patch has the same name";
+                return Err(bad_patch(&patch.name, reason, ALIGN as u64));
+            }
+            data.smooth_patch(i, patch)
+        });
         Ok(Self {
-            patches: patches.collect::<Result<_>>()?,
+            patches,
+            smooth: smooth.collect::<Result<_>>()?,
             generator: description.generator,
             input_hash: description.input_hash,
             options: description.options,
@@ -120,15 +130,23 @@ impl Description {
         let patches = self.patches.iter().enumerate().flat_map(|(i, patch)| {
             patch.sections.iter().map(move |(name, section)| (path(i, name), section))
         });
+        let smooth = self.smooth_patches.iter().enumerate().flat_map(|(i, patch)| {
+            patch.sections.iter().map(move |(name, section)| (smooth_path(i, name), section))
+        });
         self.sections
             .iter()
             .map(|(name, section)| (format!("sections.{name}"), section))
             .chain(patches)
+            .chain(smooth)
     }
 }
 
 fn path(patch: usize, section: &str) -> String {
     format!("patches[{patch}].sections.{section}")
+}
+
+fn smooth_path(patch: usize, section: &str) -> String {
+    format!("smooth_patches[{patch}].sections.{section}")
 }
 
 /// What follows the description.
@@ -199,12 +217,21 @@ impl<'a> Data<'a> {
         self,
         (i, patch): (usize, &PatchDescription),
         (name, codec): (&str, &str),
+        dtype: (&str, u64),
+        shape: &[u64],
+    ) -> Result<&'a [u8]> {
+        self.checked((&path(i, name), codec), patch.sections.get(name), dtype, shape)
+    }
+
+    fn checked(
+        self,
+        (path, codec): (&str, &str),
+        section: Option<&Section>,
         (dtype, size): (&str, u64),
         shape: &[u64],
     ) -> Result<&'a [u8]> {
-        let path = path(i, name);
-        let Some(section) = patch.sections.get(name) else {
-            return Err(bad(&path, "missing", "there"));
+        let Some(section) = section else {
+            return Err(bad(path, "missing", "there"));
         };
         if section.codec != codec {
             return Err(Error::Unsupported {
@@ -305,6 +332,28 @@ impl<'a> Data<'a> {
             return Err(bad(&format!("patches[{i}].root"), format!("{:?}", patch.root), &allowed));
         }
         Ok(tree)
+    }
+}
+
+impl<'a> Data<'a> {
+    fn smooth_patch(self, i: usize, patch: SmoothDescription) -> Result<SmoothPatch> {
+        if patch.basis.family != smooth::LEGENDRE {
+            return Err(Error::Unsupported {
+                what: format!("smooth_patches[{i}].basis.family"),
+                found: patch.basis.family,
+                known: smooth::LEGENDRE.to_owned(),
+                offset: ALIGN as u64,
+            });
+        }
+        let bytes = |name: &str| -> Result<&'a [u8]> {
+            let section = patch.sections.get(name);
+            let shape = section.map_or(0, |section| section.nbytes);
+            self.checked((&smooth_path(i, name), RAW), section, ("u8", 1), &[shape])
+        };
+        let (shape, quanta) = (bytes(smooth::SHAPE)?, bytes(smooth::QUANTA)?);
+        let offset = self.start + patch.sections[smooth::SHAPE].offset;
+        let name = patch.name.clone();
+        smooth::assemble(patch, shape, quanta).map_err(|reason| bad_patch(&name, &reason, offset))
     }
 }
 

@@ -5,7 +5,7 @@ use super::description::{
     PatchDescription, RAW, REGION_HAAR, Section, TREE, UNITS,
 };
 use super::header::{ALIGN, Header, MINOR};
-use super::{Patch, WctFile, write_aside};
+use super::{Patch, PatchGeometry, WctFile, smooth, write_aside};
 use crate::{Error, Node, Result, Tree};
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
@@ -24,6 +24,8 @@ impl WctFile {
         }
         let mut data = Vec::new();
         let patches = self.patches.iter().map(|patch| describe(patch, &mut data)).collect();
+        let smooth = self.smooth.iter().map(|patch| smooth::describe(patch, &mut data));
+        let smooth_patches = smooth.collect();
         let description = Description {
             basis: Basis::haar(),
             colour_space: COLOUR_SPACE.to_owned(),
@@ -32,6 +34,7 @@ impl WctFile {
             options: self.options.clone(),
             patches,
             sections: BTreeMap::new(),
+            smooth_patches,
             units: UNITS.to_owned(),
         };
         let mut text =
@@ -66,13 +69,14 @@ impl WctFile {
     /// vertices that its chart does not take, or a number that is not finite.
     pub fn check(&self) -> Result<()> {
         let mut names = BTreeSet::new();
-        for patch in &self.patches {
-            let mut reasons = patch.faults();
-            if !names.insert(&patch.name) {
+        let patches = self.patches.iter().map(|patch| (&patch.name, patch.faults()));
+        let smooth = self.smooth.iter().map(|patch| (&patch.name, patch.faults()));
+        for (name, mut reasons) in patches.chain(smooth) {
+            if !names.insert(name) {
                 reasons.insert(0, "an earlier patch has the same name".to_owned());
             }
             if let Some(reason) = reasons.into_iter().next() {
-                return Err(Error::BadPatch { patch: patch.name.clone(), reason, offset: None });
+                return Err(Error::BadPatch { patch: name.clone(), reason, offset: None });
             }
         }
         Ok(())
@@ -82,24 +86,39 @@ impl WctFile {
 impl Patch {
     /// What is wrong with it, its tree apart: a [`Tree`] is sound.
     pub(super) fn faults(&self) -> Vec<String> {
-        let mut faults = Vec::new();
-        let (fewest, most) = self.polygon.chart.vertices();
-        let found = self.polygon.vertices.len();
-        if !(fewest..=most).contains(&found) {
-            faults.push(format!("{found} vertices, where {fewest} to {most} are allowed"));
-        }
-        if !self.polygon.vertices.iter().flatten().all(|x| x.is_finite()) {
-            faults.push("a vertex is not finite".to_owned());
-        }
-        for (what, error) in
-            [("relative_error", Some(self.relative_error)), ("error_estimate", self.error_estimate)]
-        {
-            if let Some(error) = error.filter(|e| !(e.is_finite() && *e >= 0.0)) {
-                faults.push(format!("its {what} is {error}"));
-            }
-        }
-        faults
+        faults(&self.polygon, self.relative_error, self.error_estimate)
     }
+}
+
+/// What is wrong with a patch of any basis.
+pub(super) fn faults(
+    polygon: &PatchGeometry,
+    relative_error: f64,
+    error_estimate: Option<f64>,
+) -> Vec<String> {
+    let mut faults = Vec::new();
+    let (fewest, most) = polygon.chart.vertices();
+    let found = polygon.vertices.len();
+    if !(fewest..=most).contains(&found) {
+        faults.push(format!("{found} vertices, where {fewest} to {most} are allowed"));
+    }
+    if !polygon.vertices.iter().flatten().all(|x| x.is_finite()) {
+        faults.push("a vertex is not finite".to_owned());
+    }
+    for (what, error) in
+        [("relative_error", Some(relative_error)), ("error_estimate", error_estimate)]
+    {
+        if let Some(error) = error.filter(|e| !(e.is_finite() && *e >= 0.0)) {
+            faults.push(format!("its {what} is {error}"));
+        }
+    }
+    faults
+}
+
+/// Adds a section's bytes, and zeros up to where the next one may start.
+pub(super) fn append(data: &mut Vec<u8>, bytes: &[u8]) {
+    data.extend_from_slice(bytes);
+    data.resize(data.len().next_multiple_of(ALIGN), 0);
 }
 
 /// The description of `patch`, whose sections are added to `data`.
@@ -116,8 +135,7 @@ fn describe(patch: &Patch, data: &mut Vec<u8>) -> PatchDescription {
             shape,
         };
         sections.insert(name.to_owned(), section);
-        data.extend_from_slice(&bytes);
-        data.resize(data.len().next_multiple_of(ALIGN), 0);
+        append(data, &bytes);
     }
     let levels = patch.tree.levels();
     PatchDescription {
