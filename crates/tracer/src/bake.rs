@@ -10,6 +10,7 @@ use check::{Checked, check};
 pub(crate) use emitters::emissions;
 use emitters::{Emitter, emitters};
 use glam::DVec3;
+use rayon::prelude::*;
 pub(crate) use receivers::{Receiver, receivers};
 use std::{
     collections::BTreeMap,
@@ -21,8 +22,8 @@ use wrt_core::transport::{
 };
 use wrt_core::wct_file::{ChartKind, Side};
 use wrt_core::{
-    Compression, Emission, Grid, Keep, Levels, Lobe, LobeMatrix, Patch, PatchGeometry, Polygon,
-    Sampler, SmoothPatch, TreeBuilder, reflect,
+    Emission, Grid, Keep, Levels, Lobe, LobeMatrix, Patch, PatchGeometry, Polygon, Sampler,
+    SmoothPatch, Tree, TreeBuilder, reflect,
 };
 
 /// How to bake.
@@ -38,6 +39,9 @@ pub(crate) struct BakeOptions {
     pub(crate) transport: Transport,
     /// What thresholding keeps.
     pub(crate) keep: Keep,
+    /// Whether a relative error to be kept is spent on quantisation, for the least
+    /// bytes, rather than on thresholding, for the fewest coefficients.
+    pub(crate) quantise: bool,
     /// Whether the incident radiance goes into the file as well.
     pub(crate) incident: bool,
     /// Points per patch at which the result is checked; 0 for no check.
@@ -136,6 +140,8 @@ pub(crate) fn bake(
     let (mut energy, mut lost) = (0.0, 0.0);
     let (mut arrived, mut off) = (0.0, Some(0.0));
     let mut checked = Checked::default();
+    // Of each of as many as are compressed at once: transported, reflected.
+    let mut waiting: Vec<(&Receiver, Side, Grid)> = Vec::new();
     progress(0, receivers.len());
     for (i, receiver) in receivers.iter().enumerate() {
         hash.receiver(receiver);
@@ -152,44 +158,48 @@ pub(crate) fn bake(
             });
             reflect(&incident, &receiver.phong, lobe)
         });
-        let mut add = |grid: &Grid, side, name: String| -> Compression {
-            let full = TreeBuilder::from_grid(grid).finish();
-            let (tree, compression) = full.compressed(options.keep);
-            if side == Side::Outgoing {
-                baked.before += compression.before;
-                baked.after += compression.after;
-                baked.full += options.levels.positions() * options.levels.directions();
-                let norm = full.norm_squared();
-                energy += norm;
-                lost += norm * compression.relative_error.powi(2);
-            }
-            let vertices = receiver.planar.vertices.iter().map(|v| v.to_array()).collect();
-            baked.patches.push(Patch {
-                name,
-                polygon: PatchGeometry { vertices, chart: ChartKind::Rectilinear },
-                side,
-                tree,
-                relative_error: compression.relative_error,
-                error_estimate: None,
+        if options.incident {
+            waiting.push((receiver, Side::Incident, incident));
+        }
+        waiting.push((receiver, Side::Outgoing, outgoing));
+        if waiting.len() >= rayon::current_num_threads() || i + 1 == receivers.len() {
+            let compressed: Vec<_> = clock.time(Stage::Compress, || {
+                waiting.par_iter().map(|(_, _, grid)| compress(grid, options)).collect()
             });
-            compression
-        };
-        clock.time(Stage::Compress, || {
-            let name = &receiver.planar.name;
-            if options.incident {
-                add(&incident, Side::Incident, format!("{name}.incident"));
+            for ((receiver, side, _), (tree, compression)) in waiting.drain(..).zip(compressed) {
+                if side == Side::Outgoing {
+                    baked.before += compression.before;
+                    baked.after += compression.after;
+                    baked.full += options.levels.positions() * options.levels.directions();
+                    let norm = compression.norm_squared;
+                    energy += norm;
+                    lost += norm * compression.relative_error.powi(2);
+                }
+                let error_estimate = if side == Side::Outgoing && options.checks > 0 {
+                    clock.time(Stage::Check, || {
+                        let sampler = Sampler::new(&tree);
+                        let look_up = |q: [f64; 4], _| sampler.multilinear(q);
+                        let own = check(receiver, &direct, &look_up, options.checks);
+                        checked.add(&own);
+                        own.relative()
+                    })
+                } else {
+                    None
+                };
+                let name = &receiver.planar.name;
+                let vertices = receiver.planar.vertices.iter().map(|v| v.to_array()).collect();
+                baked.patches.push(Patch {
+                    name: match side {
+                        Side::Incident => format!("{name}.incident"),
+                        Side::Outgoing => name.clone(),
+                    },
+                    polygon: PatchGeometry { vertices, chart: ChartKind::Rectilinear },
+                    side,
+                    tree,
+                    relative_error: compression.relative_error,
+                    error_estimate,
+                });
             }
-            add(&outgoing, Side::Outgoing, name.clone());
-        });
-        if options.checks > 0 {
-            clock.time(Stage::Check, || {
-                let Some(patch) = baked.patches.last_mut() else { return };
-                let sampler = Sampler::new(&patch.tree);
-                let look_up = |q: [f64; 4], _| sampler.multilinear(q);
-                let own = check(receiver, &direct, &look_up, options.checks);
-                patch.error_estimate = own.relative();
-                checked.add(&own);
-            });
         }
         progress(i + 1, receivers.len());
     }
@@ -199,6 +209,31 @@ pub(crate) fn bake(
     baked.times = clock.times;
     baked.input_hash = hash.0;
     Ok(baked)
+}
+
+/// What compressing one patch did.
+struct Compressed {
+    before: usize,
+    after: usize,
+    norm_squared: f64,
+    relative_error: f64,
+}
+
+fn compress(grid: &Grid, options: &BakeOptions) -> (Tree, Compressed) {
+    let full = TreeBuilder::from_grid(grid).finish();
+    let (tree, relative_error) = match options.keep {
+        Keep::RelativeError(error) if options.quantise => {
+            let (tree, quantisation) = full.quantised(error);
+            (tree, quantisation.relative_error)
+        }
+        keep => {
+            let (tree, compression) = full.compressed(keep);
+            (tree, compression.relative_error)
+        }
+    };
+    let (before, after) = (full.len(), tree.len());
+    let norm_squared = full.norm_squared();
+    (tree, Compressed { before, after, norm_squared, relative_error })
 }
 
 /// Incident radiance of all emitters on one receiver, and the estimated norm of its

@@ -66,7 +66,7 @@ pub use interaction::{BrdfTree, Interface, LobeMatrix, Phong, mirrored, phong_lo
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
 pub use radiometry::Irradiance;
-pub use sampler::Sampler;
+pub use sampler::{MipSampler, Sampler};
 pub use sobol::sobol;
-pub use tree::{Compression, Keep, Node, Tree, TreeBuilder};
+pub use tree::{Compression, Difference, Keep, Node, Quantisation, Tree, TreeBuilder};
 pub use wct_file::{Patch, PatchGeometry, SmoothPatch, WctFile};

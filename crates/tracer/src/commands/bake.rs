@@ -18,6 +18,7 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     let scene = super::load(&args.scene)?;
     let mut options = options(&args.accuracy, args.incident)?;
     options.incident = args.incident;
+    options.quantise = !args.raw;
     let baked = baked(&scene, &options, args.threads)
         .with_context(|| format!("baking {}", args.scene.display()))?;
     let mut recorded = BTreeMap::new();
@@ -28,6 +29,9 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
         let Levels { position, direction } = options.levels;
         recorded.insert("levels".to_owned(), format!("{position},{direction}"));
         recorded.insert("keep".to_owned(), format!("{:?}", options.keep));
+        let is_quantised = options.quantise && matches!(options.keep, Keep::RelativeError(_));
+        let storage = if is_quantised { "quantised" } else { "raw" };
+        recorded.insert("storage".to_owned(), storage.to_owned());
         recorded.insert(
             "transport".to_owned(),
             match options.transport {
@@ -85,6 +89,7 @@ pub(crate) fn options(accuracy: &cli::Accuracy, incident: bool) -> anyhow::Resul
             Some(removed) => Keep::Count(((1.0 - removed) * full as f64).ceil() as usize),
             None => Keep::RelativeError(accuracy.threshold.unwrap_or(THRESHOLD)),
         },
+        quantise: true,
         incident: false,
         checks: accuracy.checks,
     })

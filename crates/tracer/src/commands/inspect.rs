@@ -111,7 +111,8 @@ fn full(patch: &Patch) -> f64 {
 
 /// Bytes of its sections.
 fn bytes(patch: &Patch) -> usize {
-    4 * patch.tree.nodes().len() + 12 * patch.tree.coefficients().len()
+    let raw = 4 * patch.tree.nodes().len() + 12 * patch.tree.coefficients().len();
+    patch.tree.code().map_or(raw, <[u8]>::len)
 }
 
 fn side(patch: &Patch) -> &'static str {
@@ -143,7 +144,9 @@ fn json(file: &WctFile, drawn: &[Drawn]) -> Value {
             "coefficients": tree.len(),
             "kept": tree.len() as f64 / full(patch),
             "bytes": bytes(patch),
+            "storage": if tree.code().is_some() { "quantised" } else { "raw" },
             "relative_error": patch.relative_error,
+            "largest_error": tree.largest_error(),
             "error_estimate": patch.error_estimate,
             "energy": tree.norm_squared(),
             // E = 4 ∬ L dκ dλ, Eq. 12.

@@ -5,7 +5,7 @@
 //! the flags that it passes:
 //!
 //! ```text
-//! mkdir -p fuzz/corpus/wct_file && cp ../../tests/golden/tiny.wct fuzz/corpus/wct_file
+//! mkdir -p fuzz/corpus/wct_file && cp ../../tests/golden/*.wct fuzz/corpus/wct_file
 //! RUSTC_BOOTSTRAP=1 cargo fuzz run wct_file -- -max_len=16384 -rss_limit_mb=512
 //! ```
 

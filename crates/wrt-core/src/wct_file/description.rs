@@ -116,5 +116,11 @@ pub(super) const CHILD_MASK: &str = "child_mask";
 pub(super) const NU_MASK: &str = "nu_mask";
 pub(super) const COEFFICIENTS: &str = "coefficients";
 
+/// The one section of a tree that has been quantised.
+pub(super) const TREE: &str = "tree";
+
 /// A section as it lies in the file.
 pub(super) const RAW: &str = "raw";
+
+/// The bytes of [`Tree::code`](crate::Tree::code).
+pub(super) const REGION_HAAR: &str = "region-haar";

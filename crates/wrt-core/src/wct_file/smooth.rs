@@ -71,7 +71,7 @@ pub(super) fn describe(patch: &SmoothPatch, data: &mut Vec<u8>) -> SmoothDescrip
             shape: vec![bytes.len() as u64],
         };
         sections.insert(name.to_owned(), section);
-        super::write::append(data, bytes);
+        super::write::append(data, &bytes);
     }
     SmoothDescription {
         basis: SmoothBasis { directions: tree.map(), family: LEGENDRE.to_owned() },

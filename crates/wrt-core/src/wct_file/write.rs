@@ -2,11 +2,12 @@
 
 use super::description::{
     Basis, CHILD_MASK, COEFFICIENTS, COLOUR_SPACE, Description, LevelsDescription, NU_MASK,
-    PatchDescription, RAW, Section, UNITS,
+    PatchDescription, RAW, REGION_HAAR, Section, TREE, UNITS,
 };
-use super::header::{ALIGN, Header};
+use super::header::{ALIGN, Header, MINOR};
 use super::{Patch, PatchGeometry, WctFile, smooth, write_aside};
-use crate::{Error, Result};
+use crate::{Error, Node, Result, Tree};
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -39,7 +40,9 @@ impl WctFile {
         let mut text =
             serde_json::to_vec(&description).expect("strings and finite numbers are JSON");
         text.resize(text.len().next_multiple_of(ALIGN), b' ');
+        let is_coded = self.patches.iter().any(|patch| patch.tree.code().is_some());
         let header = Header {
+            minor: if is_coded { MINOR } else { 0 },
             description_len: text.len() as u64,
             file_len: (ALIGN + text.len() + data.len()) as u64,
             description_crc: crc32fast::hash(&text),
@@ -81,7 +84,7 @@ impl WctFile {
 }
 
 impl Patch {
-    /// What is wrong with it, its tree apart: a [`Tree`](crate::Tree) is sound.
+    /// What is wrong with it, its tree apart: a [`Tree`] is sound.
     pub(super) fn faults(&self) -> Vec<String> {
         faults(&self.polygon, self.relative_error, self.error_estimate)
     }
@@ -113,19 +116,18 @@ pub(super) fn faults(
 }
 
 /// Adds a section's bytes, and zeros up to where the next one may start.
-pub(super) fn append(data: &mut Vec<u8>, bytes: Vec<u8>) {
-    data.extend(bytes);
+pub(super) fn append(data: &mut Vec<u8>, bytes: &[u8]) {
+    data.extend_from_slice(bytes);
     data.resize(data.len().next_multiple_of(ALIGN), 0);
 }
 
 /// The description of `patch`, whose sections are added to `data`.
 fn describe(patch: &Patch, data: &mut Vec<u8>) -> PatchDescription {
-    let (nodes, coefficients) = (patch.tree.nodes(), patch.tree.coefficients());
-    let (n, c) = (nodes.len() as u64, coefficients.len() as u64);
+    let (n, c) = (patch.tree.nodes().len() as u64, patch.tree.coefficients().len() as u64);
     let mut sections = BTreeMap::new();
-    let mut add = |name: &str, dtype: &str, shape: Vec<u64>, bytes: Vec<u8>| {
+    for Stored { name, codec, dtype, shape, bytes } in stored(&patch.tree) {
         let section = Section {
-            codec: RAW.to_owned(),
+            codec: codec.to_owned(),
             crc32: crc32fast::hash(&bytes),
             dtype: dtype.to_owned(),
             nbytes: bytes.len() as u64,
@@ -133,14 +135,8 @@ fn describe(patch: &Patch, data: &mut Vec<u8>) -> PatchDescription {
             shape,
         };
         sections.insert(name.to_owned(), section);
-        append(data, bytes);
-    };
-    let masks =
-        |of: fn(&crate::Node) -> u16| nodes.iter().flat_map(move |node| of(node).to_le_bytes());
-    add(CHILD_MASK, "u16", vec![n], masks(|node| node.child_mask).collect());
-    add(NU_MASK, "u16", vec![n], masks(|node| node.nu_mask).collect());
-    let floats = coefficients.iter().flatten().flat_map(|x| x.to_le_bytes());
-    add(COEFFICIENTS, "f32", vec![c, 3], floats.collect());
+        append(data, &bytes);
+    }
     let levels = patch.tree.levels();
     PatchDescription {
         chart: patch.polygon.chart,
@@ -155,4 +151,39 @@ fn describe(patch: &Patch, data: &mut Vec<u8>) -> PatchDescription {
         side: patch.side,
         vertices: patch.polygon.vertices.clone(),
     }
+}
+
+/// A section to be.
+struct Stored<'a> {
+    name: &'static str,
+    codec: &'static str,
+    dtype: &'static str,
+    shape: Vec<u64>,
+    bytes: Cow<'a, [u8]>,
+}
+
+/// A tree's sections: its code if it has one, else masks and coefficients.
+fn stored(tree: &Tree) -> Vec<Stored<'_>> {
+    if let Some(code) = tree.code() {
+        let shape = vec![code.len() as u64];
+        let bytes = code.into();
+        return vec![Stored { name: TREE, codec: REGION_HAAR, dtype: "u8", shape, bytes }];
+    }
+    let (nodes, coefficients) = (tree.nodes(), tree.coefficients());
+    let (n, c) = (nodes.len() as u64, coefficients.len() as u64);
+    let raw = |name, dtype, shape, bytes: Vec<u8>| Stored {
+        name,
+        codec: RAW,
+        dtype,
+        shape,
+        bytes: bytes.into(),
+    };
+    let masks =
+        |of: fn(&Node) -> u16| nodes.iter().flat_map(move |node| of(node).to_le_bytes()).collect();
+    let floats = coefficients.iter().flatten().flat_map(|x| x.to_le_bytes());
+    vec![
+        raw(CHILD_MASK, "u16", vec![n], masks(|node| node.child_mask)),
+        raw(NU_MASK, "u16", vec![n], masks(|node| node.nu_mask)),
+        raw(COEFFICIENTS, "f32", vec![c, 3], floats.collect()),
+    ]
 }
