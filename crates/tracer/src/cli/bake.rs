@@ -80,7 +80,7 @@ pub(crate) struct Accuracy {
     pub(crate) compress: Option<f64>,
 
     /// Haar: relative L² error that transport may have, per emitter and patch: each
-    /// direction cell is sampled as finely as that takes; 0.002 if not given.
+    /// direction cell is sampled as finely as that takes; 0.01 if not given.
     #[arg(long, value_name = "E", value_parser = tolerance)]
     pub(crate) transport_error: Option<f64>,
 
