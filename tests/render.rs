@@ -158,7 +158,7 @@ fn without_a_file_the_scene_is_baked_first() {
     assert!(read(&with) == read(&without), "baked in memory, it looks different");
 }
 
-/// A model that nothing in it lights is still a picture, if a dark one.
+/// A model that nothing in it lights is shown by default lights.
 #[test]
 fn a_scene_with_nothing_to_bake_is_rendered_all_the_same() {
     let folder = Folder::new();

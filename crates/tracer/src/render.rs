@@ -124,13 +124,16 @@ fn pixel_radiance(
     let shift = unit_cube(options.seed, pixel);
     let samples = options.samples.max(1);
     let mut sum = Vec3::ZERO;
+    // Samples are that far apart if they are spread evenly.
+    let apart = 1.0 / f64::from(samples).sqrt();
+    let step = apart / DVec2::new(options.width as f64, options.height as f64);
     for i in 0..samples {
         let point = (shift + f64::from(i) * R4).fract_gl();
         let at_x = (x as f64 + 0.5 + tent(point.x)) / options.width as f64;
         let at_y = (y as f64 + 0.5 + tent(point.y)) / options.height as f64;
-        let (origin, direction) = pinhole.ray(at_x, at_y);
+        let beam = pinhole.beam(at_x, at_y, step);
         let mut sample = Sample { place: DVec2::new(point.z, point.w), rays: 0 };
-        sum += whitted.radiance(origin, direction, &mut sample);
+        sum += whitted.radiance(&beam, &mut sample);
         *rays += sample.rays;
     }
     sum / samples as f32
@@ -162,7 +165,7 @@ fn splitmix(x: u64) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{LightKind, Material, Mesh, PunctualLight};
+    use crate::scene::{LightKind, Material, Mesh, Projection, PunctualLight};
     use glam::{DAffine3, DVec3};
     use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -194,7 +197,7 @@ mod tests {
         let camera = Camera {
             name: String::new(),
             transform: DAffine3::from_translation(DVec3::new(0.0, 1.0, 4.0)),
-            yfov: 0.8,
+            projection: Projection::Perspective { yfov: 0.8 },
             aspect: None,
         };
         (scene, camera)

@@ -24,7 +24,14 @@ pub(super) struct Stage<'a> {
 impl<'a> Stage<'a> {
     /// Loads the scene and its radiance, or bakes that.
     pub(super) fn open(path: &Path, view: &'a cli::View) -> anyhow::Result<Self> {
-        let scene = super::load(path)?;
+        let mut scene = super::load(path)?;
+        if scene.meshes.iter().all(|mesh| mesh.triangles.is_empty()) {
+            eprintln!("tracer: warning: {}: nothing to see: no triangles", path.display());
+        } else if scene.light_default() {
+            eprintln!(
+                "tracer: the scene has no light: a default one shines from behind the first camera"
+            );
+        }
         let texture = match &view.wct {
             Some(path) => WctFile::read(path)
                 .map_err(anyhow::Error::from)
