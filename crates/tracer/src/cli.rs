@@ -8,7 +8,7 @@ mod view;
 
 pub(crate) use bake::{Accuracy, Bake};
 pub(crate) use inspect::Inspect;
-pub(crate) use report::{Integrators, Report};
+pub(crate) use report::{Integrators, Rays, Report};
 pub(crate) use transport::Transport;
 pub(crate) use view::{Fly, Render, Tone, View};
 

@@ -36,6 +36,7 @@ fn run(args: &cli::Args) -> anyhow::Result<()> {
         cli::Command::Inspect(args) => commands::inspect::run(args),
         cli::Command::Report(report) => match report {
             cli::Report::Integrators(args) => commands::report_integrators::run(args),
+            cli::Report::Rays(args) => commands::report_rays::run(args),
         },
         cli::Command::Transport(args) => commands::transport::run(args),
     }

@@ -3,7 +3,7 @@
 use crate::scene::{Scene, surfaces};
 use crate::whitted::PatchRadiance;
 use anyhow::bail;
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use wrt_core::wct_file::Side;
 use wrt_core::{Frame, Nusselt, Patch, Sampler};
 
@@ -18,7 +18,7 @@ pub(crate) struct WctTexture {
 #[derive(Debug)]
 struct Bound {
     frame: Frame,
-    size: glam::DVec2,
+    size: DVec2,
     sampler: Sampler,
 }
 
@@ -76,16 +76,25 @@ impl WctTexture {
     }
 }
 
+impl Bound {
+    fn uv(&self, position: DVec3) -> DVec2 {
+        let local = self.frame.to_local(position - self.frame.origin).truncate();
+        // Just inside: a hit on the border may round to the outside.
+        (local / self.size).clamp(DVec2::ZERO, DVec2::splat(1.0 - f64::EPSILON))
+    }
+}
+
 impl PatchRadiance for WctTexture {
+    fn place(&self, mesh: usize, triangle: u32, position: DVec3) -> Option<DVec2> {
+        Some(self.patches[self.triangles[mesh][triangle as usize]? as usize].uv(position))
+    }
+
     fn outgoing(&self, mesh: usize, triangle: u32, position: DVec3, to_eye: DVec3) -> Option<Vec3> {
         let patch = &self.patches[self.triangles[mesh][triangle as usize]? as usize];
-        let local = patch.frame.to_local(position - patch.frame.origin);
         let mu = patch.frame.to_local(to_eye).normalize();
         let q = Nusselt::from_direction(mu)?;
-        // Just inside: a hit on the border may round to the outside.
-        let coordinate = |x: f64, size: f64| (x / size).clamp(0.0, 1.0 - f64::EPSILON);
-        let (u, v) = (coordinate(local.x, patch.size.x), coordinate(local.y, patch.size.y));
-        let radiance = patch.sampler.multilinear([u, v, q.kappa, q.lambda]);
+        let uv = patch.uv(position);
+        let radiance = patch.sampler.multilinear([uv.x, uv.y, q.kappa, q.lambda]);
         // Thresholding can leave a little less than no light.
         Some(Vec3::from(radiance).max(Vec3::ZERO))
     }

@@ -12,7 +12,7 @@ use crate::{
     phong::Surface,
     scene::{Lobe, Scene},
 };
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 
 /// Rays that can change a pixel by less than this, relative to the radiance
 /// they would find, are not followed.
@@ -29,6 +29,27 @@ pub(crate) trait PatchRadiance: Sync {
     /// front, along the unit vector `to_eye`: what the surface reflects of the
     /// area emitters. `None` if no patch lies there.
     fn outgoing(&self, mesh: usize, triangle: u32, position: DVec3, to_eye: DVec3) -> Option<Vec3>;
+
+    /// Where on the patch of a triangle `position` is, in [0, 1]².
+    fn place(&self, _mesh: usize, _triangle: u32, _position: DVec3) -> Option<DVec2> {
+        None
+    }
+}
+
+/// What a camera ray meets first, for compositing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct First {
+    /// k_d + k_s with textures: what is reflected of light from everywhere.
+    pub(crate) albedo: Vec3,
+    /// Unit, towards the eye.
+    pub(crate) normal: Vec3,
+    pub(crate) position: Vec3,
+    /// Distance from the camera along its axis, metres.
+    pub(crate) depth: f32,
+    /// The mesh's number from 1.
+    pub(crate) object: u32,
+    /// Where on a wavelet patch.
+    pub(crate) wct_uv: Option<Vec2>,
 }
 
 /// What all rays of a picture share.
@@ -66,6 +87,29 @@ impl Whitted<'_> {
     /// Radiance that arrives along `beam`.
     pub(crate) fn radiance(&self, beam: &Beam, sample: &mut Sample) -> Vec3 {
         self.trace(beam, Branch { depth: 0, weight: 1.0 }, sample)
+    }
+
+    /// What `beam` meets first, with depth along the unit vector `ahead`; surfaces
+    /// with alpha count where they hide half or more.
+    pub(crate) fn first(&self, beam: &Beam, ahead: DVec3) -> Option<First> {
+        let mut from = 0.0;
+        let hit = (0..MAX_LAYERS).find_map(|_| {
+            let hit = self.accel.closest(beam.origin, beam.direction, from, f64::INFINITY);
+            from = hit.map_or(f64::INFINITY, |hit| hit.t);
+            hit.filter(|hit| hit.opacity >= 0.5)
+        })?;
+        let footprint = beam.footprint(hit.position, hit.normal);
+        let surface = Surface::over(self.scene, &hit, -beam.direction, footprint);
+        let patches = self.patches.filter(|_| hit.front);
+        let uv = patches.and_then(|p| p.place(hit.mesh, hit.triangle, hit.position));
+        Some(First {
+            albedo: surface.colour + surface.specular,
+            normal: surface.normal.as_vec3(),
+            position: hit.position.as_vec3(),
+            depth: (hit.t * beam.direction.dot(ahead)) as f32,
+            object: hit.mesh as u32 + 1,
+            wct_uv: uv.map(|uv| uv.as_vec2()),
+        })
     }
 
     fn trace(&self, beam: &Beam, branch: Branch, sample: &mut Sample) -> Vec3 {

@@ -24,6 +24,8 @@ pub(crate) struct Surface<'a> {
     pub(crate) brdf: Phong,
     /// k_d with its texture, before glass takes its part.
     pub(crate) colour: Vec3,
+    /// k_s with its texture, of a mirror, too.
+    pub(crate) specular: Vec3,
     /// Radiance emitted at the lobe's peak, with its texture; an unlit surface's
     /// colour.
     pub(crate) emission: Vec3,
@@ -169,6 +171,7 @@ impl<'a> Surface<'a> {
                 exponent: f64::from(exponent),
             },
             colour,
+            specular: ks,
             emission,
             unoccluded,
         }
