@@ -74,6 +74,8 @@ fn options_out_of_range_are_usage_errors() {
         assert!(complaint.contains("must be WIDTHxHEIGHT in pixels"), "{complaint}");
     }
     render("--samples=0");
+    render("--spp=64");
+    fail(2, &["render", "a.gltf", "-o", "a.png", "--reference", "--error", "2"]);
     let bake = |options: &[&str]| fail(2, &[&["bake", "a.gltf", "-o", "a.wct"], options].concat());
     bake(&["--level", "8"]);
     bake(&["--compress", "1"]);

@@ -6,15 +6,17 @@ mod receivers;
 
 use crate::scene::Scene;
 use check::{Checked, check};
+pub(crate) use emitters::undiminished;
 use emitters::{Emitter, emitters};
 use glam::DVec3;
-use receivers::receivers;
+pub(crate) use receivers::{Receiver, receivers};
 use std::{
     collections::BTreeMap,
     time::{Duration, Instant},
 };
 use wrt_core::transport::{
     BlockOptions, Method, RecursionOptions, TransportGeometry, transport_block, transport_tree,
+    transport_within,
 };
 use wrt_core::wct_file::{ChartKind, Side};
 use wrt_core::{
@@ -42,7 +44,9 @@ pub(crate) struct BakeOptions {
 /// How the transport is integrated.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Transport {
-    /// Whole blocks by area-exact resampling.
+    /// Whole blocks by area-exact resampling, to this relative L² error.
+    Within(f64),
+    /// The same with a fixed number of samples.
     Block(BlockOptions),
     /// The paper's recursion, each coefficient by this rule.
     Recursion(Method),
@@ -89,6 +93,9 @@ pub(crate) struct Baked {
     /// against direct quadrature at random points and directions; `None` if
     /// unchecked or dark.
     pub(crate) error: Option<f64>,
+    /// Relative L² error of the incident radiance over all patches, as transport
+    /// estimates it; `None` if it does not, or all is dark.
+    pub(crate) transport_error: Option<f64>,
     /// Wall time per stage.
     pub(crate) times: [Duration; Stage::ALL.len()],
     /// Hash of the polygons, pictures and materials that went in.
@@ -130,19 +137,23 @@ pub(crate) fn bake(
         full: 0,
         dropped: 0.0,
         error: None,
+        transport_error: None,
         times: [Duration::ZERO; Stage::ALL.len()],
         input_hash: 0,
         warnings,
     };
     let (mut energy, mut lost) = (0.0, 0.0);
+    let (mut arrived, mut off) = (0.0, Some(0.0));
     let mut checked = Checked::default();
     progress(0, receivers.len());
     for (i, receiver) in receivers.iter().enumerate() {
         hash.points(&receiver.polygon.vertices());
         hash.points(&[receiver.phong.kd.into(), receiver.phong.ks.into()]);
         hash.points(&[DVec3::splat(receiver.phong.exponent)]);
-        let incident =
+        let (incident, error) =
             clock.time(Stage::Transport, || transport(&emitters, &receiver.polygon, options));
+        arrived += incident.norm_squared();
+        off = off.zip(error).map(|(off, error)| off + error * error);
         let outgoing = clock.time(Stage::Reflect, || {
             let direction = options.levels.direction;
             let lobe = receiver.phong.is_glossy().then(|| {
@@ -194,29 +205,47 @@ pub(crate) fn bake(
     }
     baked.dropped = if energy > 0.0 { (lost / energy).sqrt() } else { 0.0 };
     baked.error = checked.relative();
+    baked.transport_error = off.filter(|_| arrived > 0.0).map(|off| (off / arrived).sqrt());
     baked.times = clock.times;
     baked.input_hash = hash.0;
     Ok(baked)
 }
 
-/// Incident radiance of all emitters on one receiver.
-fn transport(emitters: &[Emitter], receiver: &Polygon, options: &BakeOptions) -> Grid {
+/// Incident radiance of all emitters on one receiver, and the estimated norm of its
+/// error: no more than the sum of those of the emitters.
+fn transport(
+    emitters: &[Emitter],
+    receiver: &Polygon,
+    options: &BakeOptions,
+) -> (Grid, Option<f64>) {
     let levels = options.levels;
-    let grids = emitters.iter().map(|emitter| {
-        let geometry = TransportGeometry::new(emitter.polygon.clone(), receiver.clone());
-        match &options.transport {
-            Transport::Block(block) => {
-                transport_block(&geometry, &emitter.emission, levels, *block)
+    let mut error = Some(0.0);
+    let grids: Vec<Grid> = emitters
+        .iter()
+        .map(|emitter| {
+            let geometry = TransportGeometry::new(emitter.polygon.clone(), receiver.clone());
+            match &options.transport {
+                Transport::Within(tolerance) => {
+                    let found = transport_within(&geometry, &emitter.emission, levels, *tolerance);
+                    let norm = found.grid.norm_squared().sqrt();
+                    error = error.map(|error| error + found.relative_error * norm);
+                    found.grid
+                }
+                Transport::Block(block) => {
+                    error = None;
+                    transport_block(&geometry, &emitter.emission, levels, *block)
+                }
+                Transport::Recursion(method) => {
+                    error = None;
+                    let source = emitter.emission.project(levels.direction);
+                    let tree = TreeBuilder::from_grid(&source).finish();
+                    let recursion = RecursionOptions { integrator: method, oracle: true };
+                    transport_tree(&geometry, &tree, levels, &recursion).0.finish().to_grid()
+                }
             }
-            Transport::Recursion(method) => {
-                let source = emitter.emission.project(levels.direction);
-                let tree = TreeBuilder::from_grid(&source).finish();
-                let recursion = RecursionOptions { integrator: method, oracle: true };
-                transport_tree(&geometry, &tree, levels, &recursion).0.finish().to_grid()
-            }
-        }
-    });
-    Grid::sum(levels, grids)
+        })
+        .collect();
+    (Grid::sum(levels, grids), error)
 }
 
 /// Wall time by stage.

@@ -9,6 +9,7 @@ mod emitters;
 mod film;
 mod phong;
 mod plot;
+mod reference;
 mod render;
 mod scene;
 mod wct_texture;

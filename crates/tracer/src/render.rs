@@ -95,6 +95,8 @@ pub(crate) struct RenderStats {
     pub(crate) samples: u64,
     /// Rows left out because rendering was stopped.
     pub(crate) rows_left: usize,
+    /// How often a patch's radiance was asked for.
+    pub(crate) look_ups: u64,
 }
 
 impl std::iter::Sum for RenderStats {
@@ -103,6 +105,7 @@ impl std::iter::Sum for RenderStats {
             rays: sum.rays + part.rays,
             samples: sum.samples + part.samples,
             rows_left: sum.rows_left + part.rows_left,
+            look_ups: sum.look_ups + part.look_ups,
         })
     }
 }
@@ -151,6 +154,7 @@ pub(crate) fn render(
                 sampler.continue_to(wanted, x, y, &mut tally);
                 *pixel = tally.sum / tally.taken as f32;
                 stats.rays += tally.rays;
+                stats.look_ups += tally.look_ups;
                 stats.samples += u64::from(tally.taken);
             }
             progress(stats.rays);
@@ -210,6 +214,7 @@ struct Tally {
     squares: Vec3,
     taken: u32,
     rays: u64,
+    look_ups: u64,
 }
 
 /// Where a picture's samples go.
@@ -224,7 +229,9 @@ impl PixelSampler<'_> {
     fn continue_to(&self, wanted: u32, x: usize, y: usize, tally: &mut Tally) {
         let &RenderOptions { width, height, seed, samples, noise, .. } = self.options;
         let (width_f, height_f) = (width as f64, height as f64);
-        let shift = unit_cube(seed, (y * width + x) as u64);
+        let pixel = (y * width + x) as u64;
+        let shift = unit_cube(seed, pixel);
+        let scramble = splitmix(splitmix(seed).wrapping_add(pixel));
         // Samples are that far apart if they are spread evenly.
         let even = if noise.is_some() { samples.clamp(1, ROUND) } else { samples.max(1) };
         let step = f64::from(even).sqrt().recip() / DVec2::new(width_f, height_f);
@@ -233,11 +240,13 @@ impl PixelSampler<'_> {
             let at_x = (x as f64 + 0.5 + tent(point.x)) / width_f;
             let at_y = (y as f64 + 0.5 + tent(point.y)) / height_f;
             let beam = self.pinhole.beam(at_x, at_y, step);
-            let mut sample = Sample { place: DVec2::new(point.z, point.w), rays: 0 };
+            let (place, index) = (DVec2::new(point.z, point.w), tally.taken);
+            let mut sample = Sample { place, index, scramble, ..Sample::default() };
             let radiance = self.whitted.radiance(&beam, &mut sample);
             tally.sum += radiance;
             tally.squares += radiance * radiance;
             tally.rays += sample.rays;
+            tally.look_ups += sample.look_ups;
             tally.taken += 1;
         }
     }
@@ -321,7 +330,7 @@ fn unit_cube(seed: u64, pixel: u64) -> DVec4 {
 
 /// Scrambles 64 bits (G. Steele, D. Lea and C. Flood, *Fast Splittable
 /// Pseudorandom Number Generators*, OOPSLA 2014).
-fn splitmix(x: u64) -> u64 {
+pub(crate) fn splitmix(x: u64) -> u64 {
     let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);

@@ -1,7 +1,7 @@
 //! A `.wct` as a 4-D texture: hit point and view direction to radiance.
 
 use crate::scene::{Scene, surfaces};
-use crate::whitted::PatchRadiance;
+use crate::whitted::{PatchRadiance, Sample};
 use anyhow::bail;
 use glam::{DVec2, DVec3, Vec3};
 use wrt_core::wct_file::Side;
@@ -89,7 +89,14 @@ impl PatchRadiance for WctTexture {
         Some(self.patches[self.triangles[mesh][triangle as usize]? as usize].uv(position))
     }
 
-    fn outgoing(&self, mesh: usize, triangle: u32, position: DVec3, to_eye: DVec3) -> Option<Vec3> {
+    fn outgoing(
+        &self,
+        mesh: usize,
+        triangle: u32,
+        position: DVec3,
+        to_eye: DVec3,
+        _: &Sample,
+    ) -> Option<Vec3> {
         let patch = &self.patches[self.triangles[mesh][triangle as usize]? as usize];
         let mu = patch.frame.to_local(to_eye).normalize();
         let q = Nusselt::from_direction(mu)?;

@@ -28,7 +28,14 @@ pub(crate) trait PatchRadiance: Sync {
     /// Radiance that leaves `position`, on a mesh's triangle seen from its
     /// front, along the unit vector `to_eye`: what the surface reflects of the
     /// area emitters. `None` if no patch lies there.
-    fn outgoing(&self, mesh: usize, triangle: u32, position: DVec3, to_eye: DVec3) -> Option<Vec3>;
+    fn outgoing(
+        &self,
+        mesh: usize,
+        triangle: u32,
+        position: DVec3,
+        to_eye: DVec3,
+        sample: &Sample,
+    ) -> Option<Vec3>;
 
     /// Where on the patch of a triangle `position` is, in [0, 1]².
     fn place(&self, _mesh: usize, _triangle: u32, _position: DVec3) -> Option<DVec2> {
@@ -69,8 +76,14 @@ pub(crate) struct Whitted<'a> {
 pub(crate) struct Sample {
     /// Where on the emitters' cells to look, in [0, 1)².
     pub(crate) place: DVec2,
+    /// Which of the pixel's camera rays it is.
+    pub(crate) index: u32,
+    /// The pixel's own bits.
+    pub(crate) scramble: u64,
     /// Rays cast, shadow rays included.
     pub(crate) rays: u64,
+    /// Patches found.
+    pub(crate) look_ups: u64,
 }
 
 /// What became of the ray so far.
@@ -164,9 +177,10 @@ impl Whitted<'_> {
             radiance += surface.lit_by(light, self.accel, &mut sample.rays);
         }
         let patch = self.patches.filter(|_| hit.front).and_then(|patches| {
-            patches.outgoing(hit.mesh, hit.triangle, surface.position, surface.to_eye)
+            patches.outgoing(hit.mesh, hit.triangle, surface.position, surface.to_eye, sample)
         });
         if let Some(outgoing) = patch {
+            sample.look_ups += 1;
             return radiance + outgoing;
         }
         if surface.brdf.is_black() {
@@ -318,7 +332,7 @@ mod tests {
             max_depth: 8,
             background: Vec3::new(0.25, 0.0, 0.0),
         };
-        let mut sample = Sample { place: DVec2::splat(0.5), rays: 0 };
+        let mut sample = Sample { place: DVec2::splat(0.5), ..Sample::default() };
         whitted.radiance(&Beam::thin(eye, to.normalize()), &mut sample)
     }
 
@@ -416,7 +430,7 @@ mod tests {
     struct Everywhere(Vec3);
 
     impl PatchRadiance for Everywhere {
-        fn outgoing(&self, mesh: usize, _: u32, _: DVec3, _: DVec3) -> Option<Vec3> {
+        fn outgoing(&self, mesh: usize, _: u32, _: DVec3, _: DVec3, _: &Sample) -> Option<Vec3> {
             (mesh == 0).then_some(self.0)
         }
     }

@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 use peak_alloc::PeakAlloc;
 use wrt_core::metrics::relative_euclidean_distance;
 use wrt_core::transport::{
-    BlockOptions, Exact, Integrator, Method, Pair, Support, TransportGeometry, transport_block,
+    Exact, Integrator, Method, Pair, Support, TransportGeometry, transport_within,
 };
 use wrt_core::{Emission, Grid, Levels, Lobe, Polygon};
 
@@ -15,7 +15,7 @@ use wrt_core::{Emission, Grid, Levels, Lobe, Polygon};
 static MEMORY: PeakAlloc = PeakAlloc;
 
 /// Runs of which a time is the median.
-const RUNS: usize = 3;
+const RUNS: usize = 1;
 
 fn main() {
     let filter: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with("--")).collect();
@@ -98,19 +98,20 @@ fn red(found: &Grid, reference: &Grid) -> f64 {
 }
 
 fn blocks(name: &str, geometry: &TransportGeometry) {
-    for level in 4..=6 {
+    for level in 4..=5 {
         let levels = Levels::isotropic(level);
         let source = panes(5);
-        let with = |samples| transport_block(geometry, &source, levels, BlockOptions { samples });
-        let finest = if level > 5 { 32 } else { 64 };
-        let reference = with(finest);
-        println!("block {name}, level {level}: reference {finest} samples a side");
-        for samples in [2, 4, 8, 16, 32].into_iter().filter(|&s| 2 * s <= finest) {
-            let (grid, seconds, spread, memory) = measure(|| with(samples));
-            let red = red(&grid, &reference);
+        let reference =
+            transport_within(geometry, &source, levels, if level > 5 { 1e-4 } else { 2e-5 });
+        println!("block {name}, level {level}: reference ± {:8.1e}", reference.relative_error);
+        for tolerance in [1e-2, 3e-3, 1e-3, 3e-4, 1e-4] {
+            let run = || transport_within(geometry, &source, levels, tolerance);
+            let (found, seconds, spread, memory) = measure(run);
+            let red = red(&found.grid, &reference.grid);
             println!(
-                "  {samples:3} samples  RED {red:8.1e}  {seconds:8.3} CPU s (spread {spread:4.2}) \
-                 {memory:8.1} MiB"
+                "  within {tolerance:5.0e}  estimate {:8.1e}  RED {red:8.1e}  {seconds:8.3} CPU s \
+                 (spread {spread:4.2}) {memory:8.1} MiB",
+                found.relative_error
             );
         }
     }

@@ -52,6 +52,16 @@ pub enum Error {
         /// Which chart.
         chart: &'static str,
     },
+    /// A material that reflects what no surface can.
+    #[error("{what} is {found}, but must be {allowed}")]
+    Reflectance {
+        /// Which parameter.
+        what: &'static str,
+        /// Its value.
+        found: f64,
+        /// What it may be.
+        allowed: &'static str,
+    },
     /// A name that no integration method has.
     #[error("{found:?} is no integration method: {known}")]
     UnknownMethod {

@@ -19,7 +19,7 @@
 //! | κ, λ | [`Nusselt`] | direction: (μx + 1)/2, (μy + 1)/2 | `[0, 1]`, inside the UDC |
 //! | ν, l, **m** | [`WaveletIndex`] | which basis function | ν `0..16`, m `0..2^l` |
 //! | L | radiance | per channel, linear Rec. 709 | W m⁻² sr⁻¹ |
-//! | E, Φ | irradiance, flux | 4 ∬ L dκ dλ, ∬ E dA | W m⁻², W |
+//! | E, Φ | [`Irradiance`], its `flux` | 4 ∬ L dκ dλ, ∬ E dA | W m⁻², W |
 //! | T_jk | [`transport_coefficient`](transport::transport_coefficient) | source function j to destination function k | |
 //! | UDC | unit directional circle | the disc that the hemisphere fills in (κ, λ) | |
 //!
@@ -42,7 +42,9 @@ mod interaction;
 pub mod metrics;
 mod nusselt;
 mod polygon;
+mod radiometry;
 mod sampler;
+mod sobol;
 pub mod transport;
 mod tree;
 pub mod wct_file;
@@ -55,9 +57,11 @@ pub use gather::gather;
 pub use grid::{Grid, Rgb};
 pub use haar::{CHILDREN, pull, push};
 pub use index::{Cell, Levels, WaveletIndex, children};
-pub use interaction::{LobeMatrix, Phong, phong_lobe, reflect};
+pub use interaction::{BrdfTree, Interface, LobeMatrix, Phong, mirrored, phong_lobe, reflect};
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
+pub use radiometry::Irradiance;
 pub use sampler::Sampler;
+pub use sobol::sobol;
 pub use tree::{Compression, Keep, Node, Tree, TreeBuilder};
 pub use wct_file::{Patch, PatchGeometry, WctFile};

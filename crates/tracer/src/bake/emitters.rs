@@ -17,6 +17,29 @@ pub(super) struct Emitter {
     pub(super) fine: Emission,
 }
 
+/// Each emitter, its picture as fine as its texture: 2^`MOST` cells a side at most.
+///
+/// # Errors
+///
+/// If a polygon cannot be used; by name.
+pub(crate) fn undiminished(scene: &Scene) -> anyhow::Result<Vec<(Polygon, Emission)>> {
+    /// 48 MiB a picture.
+    const MOST: u32 = 11;
+    /// What a clipped outline is drawn with where there is no texture.
+    const OUTLINE: u32 = 8;
+    let emitter = |planar: &PlanarPolygon| {
+        let polygon = polygon(planar)?;
+        let texture =
+            material(scene, planar).emission_texture.map(|map| &scene.textures[map.texture]);
+        let texels = texture.map(Texture::size).map_or(1, |(width, height)| width.max(height));
+        let outline = if polygon.fills_chart() { 0 } else { OUTLINE };
+        let level = texels.next_power_of_two().ilog2().max(outline).min(MOST);
+        let emission = emission(scene, planar, &polygon, level as u8);
+        Ok((polygon, emission))
+    };
+    surfaces::emitters(scene).iter().map(emitter).collect()
+}
+
 pub(super) fn emitters(scene: &Scene, options: &BakeOptions) -> anyhow::Result<Vec<Emitter>> {
     let found = surfaces::emitters(scene);
     if found.is_empty() {
@@ -25,24 +48,36 @@ pub(super) fn emitters(scene: &Scene, options: &BakeOptions) -> anyhow::Result<V
         );
     }
     let emitter = |planar: &PlanarPolygon| {
-        let polygon = Polygon::rectilinear(&planar.vertices)
-            .with_context(|| format!("the emitter \"{}\"", planar.name))?;
-        let mesh = &scene.meshes[planar.mesh];
-        let material = &scene.materials[mesh.material];
-        let lobe = match material.lobe {
-            None => Lobe::Lambertian,
-            Some(lobe) => {
-                let peak = (mesh.transform.matrix3 * lobe.peak).normalize();
-                Lobe::Cosine { exponent: lobe.exponent, peak: polygon.frame().to_local(peak) }
-            }
-        };
-        let picture =
-            |level| Emission::new(level, picture(scene, planar, material, &polygon, level), lobe);
-        let emission = picture(options.emission_level);
-        let fine = picture(options.emission_level + 1);
+        let polygon = polygon(planar)?;
+        let level = options.emission_level;
+        let [emission, fine] =
+            [level, level + 1].map(|level| emission(scene, planar, &polygon, level));
         Ok(Emitter { polygon, emission, fine })
     };
     found.iter().map(emitter).collect()
+}
+
+fn polygon(planar: &PlanarPolygon) -> anyhow::Result<Polygon> {
+    Polygon::rectilinear(&planar.vertices)
+        .with_context(|| format!("the emitter \"{}\"", planar.name))
+}
+
+fn material<'a>(scene: &'a Scene, planar: &PlanarPolygon) -> &'a Material {
+    &scene.materials[scene.meshes[planar.mesh].material]
+}
+
+/// What it emits, its picture of this level.
+fn emission(scene: &Scene, planar: &PlanarPolygon, polygon: &Polygon, level: u8) -> Emission {
+    let mesh = &scene.meshes[planar.mesh];
+    let material = material(scene, planar);
+    let lobe = match material.lobe {
+        None => Lobe::Lambertian,
+        Some(lobe) => {
+            let peak = (mesh.transform.matrix3 * lobe.peak).normalize();
+            Lobe::Cosine { exponent: lobe.exponent, peak: polygon.frame().to_local(peak) }
+        }
+    };
+    Emission::new(level, picture(scene, planar, material, polygon, level), lobe)
 }
 
 /// Mean emitted radiance over each cell of the polygon's chart, u fastest.

@@ -7,13 +7,13 @@ use crate::scene::{
 use anyhow::{Context as _, bail};
 use wrt_core::{Phong, Polygon};
 
-pub(super) struct Receiver {
-    pub(super) planar: PlanarPolygon,
-    pub(super) polygon: Polygon,
-    pub(super) phong: Phong,
+pub(crate) struct Receiver {
+    pub(crate) planar: PlanarPolygon,
+    pub(crate) polygon: Polygon,
+    pub(crate) phong: Phong,
 }
 
-pub(super) fn receivers(
+pub(crate) fn receivers(
     scene: &Scene,
     warnings: &mut Vec<String>,
 ) -> anyhow::Result<Vec<Receiver>> {
@@ -33,12 +33,11 @@ pub(super) fn receivers(
                 planar.name, material.name
             ));
         }
-        let phong = Phong {
-            kd: material.kd.as_dvec3().to_array(),
-            // A mirror's k_s is the raytracer's recursive ray, not the patch's.
-            ks: if material.mirror { [0.0; 3] } else { material.ks.as_dvec3().to_array() },
-            exponent: f64::from(material.exponent),
-        };
+        // A mirror's k_s is the raytracer's recursive ray, not the patch's.
+        let ks = if material.mirror { [0.0; 3] } else { material.ks.as_dvec3().to_array() };
+        let kd = material.kd.as_dvec3().to_array();
+        let phong = Phong::new(kd, ks, f64::from(material.exponent))
+            .with_context(|| format!("material \"{}\"", material.name))?;
         Ok(Receiver { planar, polygon, phong })
     };
     found.into_iter().map(receiver).collect()

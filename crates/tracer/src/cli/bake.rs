@@ -50,14 +50,20 @@ pub(crate) struct Accuracy {
     #[arg(long, value_name = "F", conflicts_with = "threshold", value_parser = fraction)]
     pub(crate) compress: Option<f64>,
 
-    /// Directions sampled along each side of a direction cell.
-    #[arg(long, value_name = "N", default_value_t = 8,
+    /// Relative L² error that transport may have, per emitter and patch: each
+    /// direction cell is sampled as finely as that takes.
+    #[arg(long, value_name = "E", default_value_t = 2e-3, value_parser = tolerance)]
+    pub(crate) transport_error: f64,
+
+    /// Sample this many directions along each side of a direction cell instead,
+    /// whatever the error.
+    #[arg(long, value_name = "N", conflicts_with = "transport_error",
           value_parser = clap::value_parser!(u32).range(1..=64))]
-    pub(crate) samples: u32,
+    pub(crate) samples: Option<u32>,
 
     /// Transport by the paper's recursion with this integration rule, such as
     /// trapezoid2d:5, instead of whole blocks. Slow.
-    #[arg(long, value_name = "RULE")]
+    #[arg(long, value_name = "RULE", conflicts_with_all = ["transport_error", "samples"])]
     pub(crate) recursion: Option<Method>,
 
     /// Points per patch at which the result is checked against direct quadrature;
@@ -91,5 +97,12 @@ fn fraction(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(x) if (0.0..1.0).contains(&x) => Ok(x),
         _ => Err("must be a number from 0 to below 1".to_owned()),
+    }
+}
+
+fn tolerance(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(x) if (1e-6..1.0).contains(&x) => Ok(x),
+        _ => Err("must be a number from 1e-6 to below 1".to_owned()),
     }
 }

@@ -46,6 +46,35 @@ pub(crate) struct Render {
 
     #[command(flatten)]
     pub(crate) view: View,
+
+    #[command(flatten)]
+    pub(crate) reference: Reference,
+}
+
+/// The picture without wavelets.
+#[derive(Debug, ClapArgs)]
+#[command(next_help_heading = "Reference")]
+pub(crate) struct Reference {
+    /// Sample the emitters for every camera ray instead of looking patches up,
+    /// and print an estimate of the error.
+    ///
+    /// The same light as in a bake: straight from emitters to receivers, with
+    /// nothing in between, so no object throws a shadow on a receiver. All else is
+    /// as without this option: what differs is the error of the wavelets.
+    #[arg(long, conflicts_with = "wct")]
+    pub(crate) reference: bool,
+
+    /// Points sampled a pixel, shared by its camera rays, which are fewer if
+    /// there are not four points for each.
+    #[arg(long, value_name = "N", default_value_t = 256, requires = "reference",
+          value_parser = clap::value_parser!(u32).range(4..=1 << 22))]
+    pub(crate) spp: u32,
+
+    /// Sample until the relative RMS error of the pixels that show a receiver is
+    /// estimated to be below E, such as 0.01, instead of so many points.
+    #[arg(long, value_name = "E", requires = "reference", conflicts_with = "spp",
+          value_parser = error)]
+    pub(crate) error: Option<f64>,
 }
 
 #[derive(Debug, ClapArgs)]
@@ -105,7 +134,7 @@ pub(crate) struct View {
     pub(crate) crop: Option<[usize; 4]>,
 
     /// Camera rays per pixel; with --noise, at most.
-    #[arg(long, visible_alias = "spp", value_name = "N", default_value_t = 16,
+    #[arg(long, value_name = "N", default_value_t = 16,
           value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub(crate) samples: u32,
 
@@ -176,6 +205,13 @@ fn crop(text: &str) -> Result<[usize; 4], String> {
     match sides.as_deref() {
         Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok([x0, y0, x1, y1]),
         _ => Err("must be X0,Y0,X1,Y1 in pixels with X0 < X1 and Y0 < Y1".to_owned()),
+    }
+}
+
+fn error(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(x) if (1e-5..1.0).contains(&x) => Ok(x),
+        _ => Err("must be a number from 1e-5 to below 1".to_owned()),
     }
 }
 

@@ -27,6 +27,7 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     recorded.insert(
         "transport".to_owned(),
         match options.transport {
+            Transport::Within(error) => format!("block within {error}"),
             Transport::Block(block) => format!("block:{}", block.samples),
             Transport::Recursion(method) => format!("recursion {}", method.name()),
         },
@@ -53,7 +54,10 @@ pub(crate) fn options(accuracy: &cli::Accuracy) -> BakeOptions {
         emission_level: (position + 1).max(6),
         transport: match accuracy.recursion {
             Some(method) => Transport::Recursion(method),
-            None => Transport::Block(BlockOptions { samples: accuracy.samples }),
+            None => match accuracy.samples {
+                Some(samples) => Transport::Block(BlockOptions { samples }),
+                None => Transport::Within(accuracy.transport_error),
+            },
         },
         keep: match accuracy.compress {
             Some(removed) => Keep::Count(((1.0 - removed) * full as f64).ceil() as usize),
@@ -94,6 +98,10 @@ fn table(baked: &Baked, bytes: u64) -> String {
     row("  kept", format!("{} ({:.2} %)", baked.after, share(baked.after)));
     row("compression", format!("{:.2} % removed", 100.0 - share(baked.after)));
     row("file", format!("{:.2} MB", bytes as f64 / 1e6));
+    let error = baked.transport_error.map_or("not estimated".to_owned(), |e| {
+        format!("{:.3} % relative L2 of the incident radiance, estimated", 100.0 * e)
+    });
+    row("error of transport", error);
     row("error of compression", format!("{:.3} % relative L2", 100.0 * baked.dropped));
     let error = baked.error.map_or("not checked".to_owned(), |e| {
         format!("{:.2} % relative RMS against direct quadrature, sampled", 100.0 * e)

@@ -3,12 +3,16 @@
 use super::view::{Meter, Stage, named};
 use crate::cli;
 use crate::film::Format;
-use anyhow::{Context as _, bail};
+use crate::reference::Target;
+use anyhow::{Context as _, bail, ensure};
 use serde_json::json;
 
 /// Renders and prints what it took.
 pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
     let format = Format::of(&args.output)?;
+    if args.reference.reference {
+        return run_reference(args);
+    }
     let stage = Stage::open(&args.scene, &args.view)?;
     let camera = named(&stage.scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")
         .with_context(|| format!("{}", args.scene.display()))?;
@@ -44,5 +48,43 @@ pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
         meter.million_rays(),
         meter.seconds()
     );
+    Ok(())
+}
+
+/// Renders by sampling emitters, and prints the estimated error as well.
+fn run_reference(args: &cli::Render) -> anyhow::Result<()> {
+    ensure!(args.view.noise.is_none(), "--noise is not for --reference: use --error");
+    let stage = Stage::without_radiance(&args.scene, &args.view)?;
+    let camera = named(&stage.scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")
+        .with_context(|| format!("{}", args.scene.display()))?;
+    let meter = Meter::start();
+    let (width, height) = stage.size(camera);
+    let target = args.reference.error.map_or(Target::Samples(args.reference.spp), Target::Error);
+    let bar = super::bar(0, "sampling", "rows");
+    let (film, stats, estimate) = stage
+        .render_reference(camera, target, &|rays| {
+            meter.count(rays, &bar);
+            bar.inc(1);
+        })
+        .with_context(|| format!("{}", args.scene.display()))?;
+    bar.finish_and_clear();
+    film.save(&args.output, stage.display())?;
+    if stats.rows_left > 0 {
+        bail!("{}: stopped before its end: too dark in places", args.output.display());
+    }
+    println!(
+        "{}: {width}x{height}, camera {}, {} points a pixel, {:.2} million rays in {:.2} s, error {:.3} % relative RMS, estimated",
+        args.output.display(),
+        camera.name,
+        estimate.points,
+        stats.rays as f64 / 1e6,
+        meter.seconds(),
+        100.0 * estimate.relative
+    );
+    if let Some(wanted) = args.reference.error.filter(|wanted| estimate.relative > *wanted) {
+        eprintln!(
+            "tracer: warning: --error {wanted} is not reached with the most points there are"
+        );
+    }
     Ok(())
 }

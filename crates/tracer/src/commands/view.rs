@@ -3,6 +3,7 @@
 use crate::accel::Accel;
 use crate::cli;
 use crate::film::{Display, Film, Format, Layers, Metadata, Tone};
+use crate::reference::{Estimate, Lighting, ReferenceOptions, Target, render_reference};
 use crate::render::{Crop, RenderOptions, RenderStats, layers, render};
 use crate::scene::{Camera, Projection, Scene, surfaces};
 use crate::wct_texture::WctTexture;
@@ -83,6 +84,13 @@ impl<'a> Stage<'a> {
         Ok(Self { accel: Accel::new(&scene), scene, texture, view, path, stop })
     }
 
+    /// Loads the scene to be rendered without wavelets.
+    pub(super) fn without_radiance(path: &Path, view: &'a cli::View) -> anyhow::Result<Self> {
+        let scene = super::load(path)?;
+        let (path, stop) = (path.to_owned(), super::interrupt::listen());
+        Ok(Self { accel: Accel::new(&scene), scene, texture: None, view, path, stop })
+    }
+
     /// What `camera` sees, for a file of `format`; `progress` is called after each
     /// row with the rays it took.
     pub(super) fn render(
@@ -111,6 +119,18 @@ impl<'a> Stage<'a> {
             settings: self.settings().to_string(),
         };
         Ok(Picture { film, layers, metadata, stats })
+    }
+
+    /// What `camera` sees where emitters are sampled in place of patches.
+    pub(super) fn render_reference(
+        &self,
+        camera: &Camera,
+        target: Target,
+        progress: &(dyn Fn(u64) + Sync),
+    ) -> anyhow::Result<(Film, RenderStats, Estimate)> {
+        let lighting = Lighting::new(&self.scene)?;
+        let options = ReferenceOptions { render: self.options(camera)?, target };
+        render_reference(&self.scene, &self.accel, &lighting, camera, &options, progress)
     }
 
     fn options(&self, camera: &Camera) -> anyhow::Result<RenderOptions> {

@@ -1,8 +1,14 @@
 //! Surface interaction: incident radiance to reflected radiance (§6.4).
 
+mod brdf;
+mod cells;
+mod interface;
 mod operator;
 mod phong;
+mod product;
 
+pub use brdf::BrdfTree;
+pub use interface::{Interface, mirrored};
 pub use operator::LobeMatrix;
 pub use phong::{Phong, phong_lobe};
 
@@ -66,6 +72,9 @@ pub fn reflect(incident: &Grid, phong: &Phong, lobe: Option<&LobeMatrix>) -> Gri
 }
 
 #[cfg(test)]
+mod numerics;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use std::f64::consts::PI;
@@ -121,21 +130,6 @@ mod tests {
             let expected = mean_albedo(exponent, 160);
             assert!((albedo / expected - 1.0).abs() < 3e-3, "n = {exponent}: {albedo} {expected}");
             assert!(albedo < 1.0, "n = {exponent}: {albedo}");
-        }
-    }
-
-    /// f(s, r) = f(r, s), so the matrices of two levels are each other's transpose
-    /// (up to the weights 4 Δκ Δλ of the cell summed over).
-    #[test]
-    fn reflection_is_reciprocal() {
-        let all: Vec<usize> = (0..64).collect();
-        let rows = LobeMatrix::phong(20.0, 3, 3).rows(&all);
-        for r in 0..64 {
-            for &(s, weight) in &rows[r] {
-                let back = rows[s as usize].iter().find(|(i, _)| *i as usize == r);
-                let back = back.map_or(0.0, |b| b.1);
-                assert!((weight - back).abs() <= 1e-6 * weight, "{r} {s}: {weight} {back}");
-            }
         }
     }
 

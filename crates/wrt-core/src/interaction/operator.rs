@@ -1,8 +1,9 @@
 //! The direction matrix of a BRDF lobe: its projection onto pairs of direction
 //! cells (§6.4).
 
-use super::phong::lobe;
-use glam::{DVec2, DVec3};
+use super::cells::{DirectionCell, cells};
+use super::phong::{LobeSample, lobe};
+use crate::grid::udc_fractions;
 use rayon::prelude::*;
 use std::sync::OnceLock;
 
@@ -12,11 +13,23 @@ use std::sync::OnceLock;
 /// part inside the UDC: the weight of incident cell s in reflected cell r.
 /// It belongs to an exponent, not to a material's colours, nor to a tile.
 /// Columns are computed when light first arrives from their cell.
+///
+/// A column's energy, Σ_r (entry) |r| / |s|, is the lobe's mean albedo over s by a
+/// quadrature of its own, however narrow the lobe: where it is wide, samples of both
+/// cells are averaged and the column is scaled to that albedo; where it is narrower
+/// than a cell, its light is followed to the cells that it falls into. Reciprocity
+/// f(s, r) = f(r, s) holds exactly for the function and here to about 1 % of the
+/// lobe's peak.
 #[derive(Debug)]
 pub struct LobeMatrix {
     exponent: f64,
     incident: (u8, Vec<DirectionCell>),
     outgoing: (u8, Vec<DirectionCell>),
+    /// Of each outgoing cell, what is inside the UDC.
+    fractions: Vec<f64>,
+    sample: LobeSample,
+    /// Albedo for light at cosθ = i / (len − 1).
+    albedo: Vec<f64>,
     /// Per incident cell: reflected cells (κ fastest), increasing, and weights.
     columns: Vec<OnceLock<Vec<(u32, f32)>>>,
 }
@@ -25,21 +38,38 @@ pub struct LobeMatrix {
 /// all cells stays below single precision.
 const NEGLIGIBLE: f64 = 1e-8;
 
+/// Samples along a side of a cell from which on a lobe counts as narrow.
+const MOST_POINTS: u32 = 8;
+
+/// Entries of the table of albedos.
+const ALBEDOS: u32 = 257;
+
 impl LobeMatrix {
-    /// The Phong lobe of exponent n = `exponent` between direction cells of level
-    /// `incident` and of level `outgoing`.
+    /// The Phong lobe of exponent n = `exponent` ≥ 0 between direction cells of
+    /// level `incident` and of level `outgoing`.
     #[must_use]
     pub fn phong(exponent: f64, incident: u8, outgoing: u8) -> Self {
         // The midpoint rule's error within a cell is (width² n)/24 for points
-        // 1/√n wide: points a side until that is below 3·10⁻³, where it can be.
-        let points = |level: u8| {
-            let width = 2.0 / f64::from(1_u32 << level);
-            (4.0 * width * exponent.max(1.0).sqrt()).ceil().clamp(1.0, 8.0) as u32
+        // 1/√n wide: points a side until that is below 3·10⁻³, where it can be; and
+        // a few at the rim, where even cosθ varies by 2·diameter and more in a cell.
+        let points = |diameter: f64| {
+            let density = (4.0 * exponent.sqrt()).max(12.0);
+            (density * diameter).ceil().clamp(1.0, f64::from(2 * MOST_POINTS)) as u32
         };
-        let cells = |level| (level, cells(level, points(level)));
+        let cells = |level| (level, cells(level, points));
         let (incident, outgoing) = (cells(incident), cells(outgoing));
+        let sample = LobeSample::new(exponent);
+        let at = |i: u32| f64::from(i) / f64::from(ALBEDOS - 1);
+        let albedo = (0..ALBEDOS).into_par_iter().map(|i| sample.albedo(at(i))).collect();
         let columns = incident.1.iter().map(|_| OnceLock::new()).collect();
-        Self { exponent, incident, outgoing, columns }
+        let fractions = udc_fractions(outgoing.0);
+        Self { exponent, incident, outgoing, fractions, sample, albedo, columns }
+    }
+
+    /// Its exponent n.
+    #[must_use]
+    pub fn exponent(&self) -> f64 {
+        self.exponent
     }
 
     /// The level of the incident direction cells.
@@ -58,8 +88,7 @@ impl LobeMatrix {
     /// takes light from, as positions in `lit`, and their weights.
     #[must_use]
     pub fn rows(&self, lit: &[usize]) -> Vec<Vec<(u32, f32)>> {
-        let columns: Vec<&Vec<(u32, f32)>> =
-            lit.par_iter().map(|&s| self.columns[s].get_or_init(|| self.column(s))).collect();
+        let columns: Vec<&Vec<(u32, f32)>> = lit.par_iter().map(|&s| self.column(s)).collect();
         let mut rows = vec![Vec::new(); self.outgoing.1.len()];
         for (i, column) in columns.iter().enumerate() {
             for &(r, weight) in *column {
@@ -69,73 +98,80 @@ impl LobeMatrix {
         rows
     }
 
-    fn column(&self, s: usize) -> Vec<(u32, f32)> {
-        let from = &self.incident.1[s];
+    /// The mean of f over the incident cell `s` and the reflected cell `r`.
+    pub(super) fn mean(&self, s: usize, r: usize) -> f64 {
+        let column = self.column(s);
+        let found = column.binary_search_by_key(&(r as u32), |entry| entry.0);
+        found.map_or(0.0, |at| f64::from(column[at].1) / self.incident.1[s].weight)
+    }
+
+    fn column(&self, s: usize) -> &Vec<(u32, f32)> {
+        self.columns[s].get_or_init(|| {
+            let from = &self.incident.1[s];
+            if from.directions.is_empty() {
+                Vec::new()
+            } else if 4.0 * from.diameter * self.exponent.sqrt() > f64::from(MOST_POINTS) {
+                self.narrow(from)
+            } else {
+                self.wide(from)
+            }
+        })
+    }
+
+    /// The midpoint rule on both cells, scaled to the albedo.
+    fn wide(&self, from: &DirectionCell) -> Vec<(u32, f32)> {
         // The least cosine that counts: a sharp lobe meets few cells.
         let least = NEGLIGIBLE.powf(1.0 / self.exponent.max(1e-3));
         let to = self.outgoing.1.iter().enumerate().filter(|(_, r)| r.may_meet(from, least));
-        to.filter_map(|(i, r)| {
-            let weight = (from.weight * r.mean_lobe(from, self.exponent)) as f32;
-            (weight > 0.0).then_some((i as u32, weight))
-        })
-        .collect()
+        let means: Vec<(u32, f64)> =
+            to.map(|(i, r)| (i as u32, r.mean_lobe(from, self.exponent))).collect();
+        let cell = self.outgoing.1[0].weight;
+        let found: f64 = means.iter().map(|&(r, f)| f * cell * self.fractions[r as usize]).sum();
+        let expected = from.mean(|cosine| self.albedo_at(cosine));
+        let scale = if found > 0.0 { expected / found } else { 0.0 };
+        let weights = means.into_iter().map(|(r, f)| (r, (from.weight * scale * f) as f32));
+        weights.filter(|w| w.1 > 0.0).collect()
     }
-}
 
-/// A direction cell as sample directions inside the UDC.
-#[derive(Debug)]
-struct DirectionCell {
-    directions: Vec<DVec3>,
-    /// A direction within the cell and the greatest angle to any of the others.
-    centre: DVec3,
-    radius: f64,
-    /// 4 Δκ Δλ.
-    weight: f64,
-}
-
-/// The cells of a level, κ fastest, with `points`² samples in each.
-fn cells(level: u8, points: u32) -> Vec<DirectionCell> {
-    let side = 1_u32 << level;
-    let width = 2.0 / f64::from(side);
-    let cell = |k: u32, l: u32| {
-        let low = DVec2::new(f64::from(k), f64::from(l)) * width - 1.0;
-        let at = |i: u32| (f64::from(i) + 0.5) * width / f64::from(points);
-        let directions: Vec<DVec3> = (0..points * points)
-            .map(|i| low + DVec2::new(at(i % points), at(i / points)))
-            .filter(|mu| mu.length_squared() < 1.0)
-            .map(|mu| mu.extend((1.0 - mu.length_squared()).sqrt()))
-            .collect();
-        // A rim cell whose samples all miss still needs one: its innermost point.
-        let directions = if directions.is_empty() {
-            let inner = DVec2::ZERO.clamp(low, low + width);
-            if inner.length_squared() < 1.0 {
-                vec![inner.extend((1.0 - inner.length_squared()).sqrt())]
-            } else {
-                directions
-            }
-        } else {
-            directions
+    /// Where the light from each sample of the incident cell falls.
+    fn narrow(&self, from: &DirectionCell) -> Vec<(u32, f32)> {
+        let level = self.outgoing.0;
+        let side = 1_usize << level;
+        let cell = |mu: f64| ((0.5 * (mu + 1.0) * side as f64) as usize).min(side - 1);
+        let mut shares = vec![0.0; self.outgoing.1.len()];
+        for &s in &from.directions {
+            self.sample.reflect(s, |v, share| shares[cell(v.y) << level | cell(v.x)] += share);
+        }
+        let count = from.directions.len() as f64;
+        let outgoing = self.outgoing.1[0].weight;
+        let weight = |(r, share): (usize, f64)| {
+            let inside = outgoing * self.fractions[r];
+            let mean = if inside > 0.0 { share / (count * inside) } else { 0.0 };
+            (r as u32, (from.weight * mean) as f32)
         };
-        let centre = directions.iter().sum::<DVec3>().normalize_or_zero();
-        let radius = directions.iter().map(|d| d.angle_between(centre)).fold(0.0, f64::max);
-        DirectionCell { directions, centre, radius, weight: width * width }
-    };
-    (0..side).flat_map(|l| (0..side).map(move |k| (k, l))).map(|(k, l)| cell(k, l)).collect()
+        let lit = shares.into_iter().enumerate().filter(|s| s.1 > 0.0);
+        lit.map(weight).filter(|w| w.1 > 0.0).collect()
+    }
+
+    fn albedo_at(&self, cosine: f64) -> f64 {
+        let at = cosine.clamp(0.0, 1.0) * f64::from(ALBEDOS - 1);
+        let low = (at as usize).min(self.albedo.len() - 2);
+        let t = at - low as f64;
+        (1.0 - t) * self.albedo[low] + t * self.albedo[low + 1]
+    }
 }
 
 impl DirectionCell {
     /// Whether some pair of directions can have R·V ≥ `least`.
     fn may_meet(&self, incident: &Self, least: f64) -> bool {
-        if self.directions.is_empty() || incident.directions.is_empty() {
+        if self.directions.is_empty() {
             return false;
         }
-        let mirrored = DVec3::new(-incident.centre.x, -incident.centre.y, incident.centre.z);
-        let angle = mirrored.angle_between(self.centre) - self.radius - incident.radius;
-        angle <= least.clamp(0.0, 1.0).acos()
+        self.mirror_angle(incident).0 <= least.clamp(0.0, 1.0).acos()
     }
 
     /// The mean of the lobe over both cells.
-    fn mean_lobe(&self, incident: &Self, exponent: f64) -> f64 {
+    pub(super) fn mean_lobe(&self, incident: &Self, exponent: f64) -> f64 {
         let mut sum = 0.0;
         for v in &self.directions {
             for s in &incident.directions {

@@ -140,6 +140,22 @@ impl Tree {
         &self.nodes
     }
 
+    /// The cell of each node, in the nodes' order.
+    #[must_use]
+    pub fn cells(&self) -> Vec<Cell> {
+        let mut cells = vec![Cell::ROOT; self.nodes.len()];
+        for (i, node) in self.nodes.iter().enumerate() {
+            let cell = cells[i];
+            let split = self.levels.split(cell.depth);
+            for m_prime in children(split) {
+                if let Some(child) = node.child(m_prime) {
+                    cells[child] = cell.child(split, m_prime);
+                }
+            }
+        }
+        cells
+    }
+
     /// Its wavelet coefficients, node by node, by increasing ν.
     #[must_use]
     pub fn coefficients(&self) -> &[Rgb] {
