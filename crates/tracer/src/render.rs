@@ -482,8 +482,8 @@ mod tests {
         let (all, most) = (picture(256, None), 24 * 18 * 256);
         assert!(stats.samples >= 24 * 18 * 8 && stats.samples < most * 2 / 3, "{stats:?}");
         assert_eq!(all.1.samples, most);
-        // Against 4096 samples, in units of what was asked for: of order 1.
-        let (truth, _) = picture(4096, None);
+        // The edges want more than 256 samples: where fewer do, no error is added.
+        let (truth, _) = picture(2048, None);
         let error = |film: &Film| {
             let pairs = film.pixels.iter().zip(&truth.pixels);
             let relative = |(a, b): (&Vec3, &Vec3)| {
@@ -492,7 +492,7 @@ mod tests {
             (pairs.map(relative).sum::<f32>() / truth.pixels.len() as f32).sqrt()
         };
         let (found, fixed, few) = (error(&adaptive), error(&all.0), error(&picture(8, None).0));
-        assert!(found < 0.02 && found < 1.5 * fixed + 0.005, "{found}, with 256 each {fixed}");
+        assert!(found < 1.1 * fixed, "{found}, with 256 each {fixed}");
         assert!(few > 2.0 * found, "8 samples each: {few}");
     }
 
