@@ -10,7 +10,7 @@ mod view;
 pub(crate) use bake::{Accuracy, Bake, Basis};
 pub(crate) use convert::Convert;
 pub(crate) use inspect::Inspect;
-pub(crate) use report::{Everything, Integrators, Oracle, Report, ReportPart};
+pub(crate) use report::{Everything, Integrators, Oracle, Rays, Report, ReportPart};
 pub(crate) use transport::Transport;
 pub(crate) use view::{Fly, Render, Tone, View};
 

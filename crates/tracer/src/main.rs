@@ -45,6 +45,9 @@ fn run(args: &cli::Args) -> anyhow::Result<()> {
                 commands::report_oracle::run(args)
             }
             cli::Report { part: None, all } => commands::report::run(all),
+            cli::Report { part: Some(cli::ReportPart::Rays(args)), .. } => {
+                commands::report_rays::run(args)
+            }
         },
         cli::Command::Transport(args) => commands::transport::run(args),
     }

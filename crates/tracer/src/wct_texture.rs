@@ -88,7 +88,19 @@ impl WctTexture {
     }
 }
 
+impl Bound {
+    fn uv(&self, position: DVec3) -> DVec2 {
+        let local = self.frame.to_local(position - self.frame.origin).truncate();
+        // Just inside: a hit on the border may round to the outside.
+        (local / self.size).clamp(DVec2::ZERO, DVec2::splat(1.0 - f64::EPSILON))
+    }
+}
+
 impl PatchRadiance for WctTexture {
+    fn place(&self, mesh: usize, triangle: u32, position: DVec3) -> Option<DVec2> {
+        Some(self.patches[self.triangles[mesh][triangle as usize]? as usize].uv(position))
+    }
+
     fn outgoing(
         &self,
         mesh: usize,
@@ -98,15 +110,12 @@ impl PatchRadiance for WctTexture {
         _: &Sample,
     ) -> Option<Vec3> {
         let patch = &self.patches[self.triangles[mesh][triangle as usize]? as usize];
-        let local = patch.frame.to_local(position - patch.frame.origin);
         let mu = patch.frame.to_local(to_eye).normalize();
         let q = Nusselt::from_direction(mu)?;
-        // Just inside: a hit on the border may round to the outside.
-        let coordinate = |x: f64, size: f64| (x / size).clamp(0.0, 1.0 - f64::EPSILON);
-        let (u, v) = (coordinate(local.x, patch.size.x), coordinate(local.y, patch.size.y));
+        let uv = patch.uv(position);
         let radiance = match &patch.sampler {
-            LookUp::Haar(sampler) => sampler.multilinear([u, v, q.kappa, q.lambda]),
-            LookUp::Smooth(sampler) => sampler.radiance(DVec2::new(u, v), mu),
+            LookUp::Haar(sampler) => sampler.multilinear([uv.x, uv.y, q.kappa, q.lambda]),
+            LookUp::Smooth(sampler) => sampler.radiance(uv, mu),
         };
         // Thresholding and polynomials can leave a little less than no light.
         Some(Vec3::from(radiance).max(Vec3::ZERO))

@@ -33,8 +33,9 @@ pub(crate) fn emissions(
     const OUTLINE: u32 = 8;
     let emitter = |planar: &PlanarPolygon| {
         let polygon = polygon(planar)?;
-        let texture = material(scene, planar).emission_texture.map(|i| &scene.textures[i]);
-        let texels = texture.map_or(1, |t| t.width.max(t.height));
+        let texture =
+            material(scene, planar).emission_texture.map(|map| &scene.textures[map.texture]);
+        let texels = texture.map(Texture::size).map_or(1, |(width, height)| width.max(height));
         let outline = if polygon.fills_chart() { 0 } else { OUTLINE };
         let finest = texels.next_power_of_two().ilog2().max(outline).min(MOST) as u8;
         let emission = emission(scene, planar, &polygon, level.unwrap_or(finest));
@@ -91,10 +92,10 @@ fn picture(
     polygon: &Polygon,
     level: u8,
 ) -> Vec<[f32; 3]> {
-    let texture = material.emission_texture.map(|i| &scene.textures[i]);
+    let texture = material.emission_texture.map(|map| &scene.textures[map.texture]);
     let to_uv = texture.and_then(|_| texture_map(planar, polygon));
     let side = 1_usize << level;
-    let texels = texture.map_or(1, |t| t.width.max(t.height));
+    let texels = texture.map(Texture::size).map_or(1, |(width, height)| width.max(height));
     // A sample per texel; a clipped outline needs some even without a picture.
     let samples = texels.div_ceil(side).clamp(if polygon.fills_chart() { 1 } else { 8 }, 64);
     let size = polygon.size().unwrap_or_default();
@@ -108,7 +109,11 @@ fn picture(
                 continue;
             }
             sum += match (texture, &to_uv) {
-                (Some(texture), Some(map)) => texel(texture, (*map * point.extend(1.0)).truncate()),
+                (Some(texture), Some(map)) => {
+                    let uv = (*map * point.extend(1.0)).truncate();
+                    // The nearest texel: a picture averages many of them.
+                    texture.nearest(uv.as_vec2()).truncate()
+                }
                 _ => Vec3::ONE,
             };
         }
@@ -137,12 +142,6 @@ fn texture_map(planar: &PlanarPolygon, polygon: &Polygon) -> Option<DMat3> {
     })
 }
 
-/// The texel at `uv`, repeating; a picture averages many of them.
-fn texel(texture: &Texture, uv: DVec2) -> Vec3 {
-    let at = |x: f64, n: usize| ((x.rem_euclid(1.0) * n as f64) as usize).min(n - 1);
-    texture.texels[at(uv.y, texture.height) * texture.width + at(uv.x, texture.width)]
-}
-
 /// Whether a simple outline holds the point (even-odd rule).
 fn contains(outline: &[DVec2], p: DVec2) -> bool {
     (0..outline.len()).fold(false, |inside, i| {
@@ -156,13 +155,13 @@ fn contains(outline: &[DVec2], p: DVec2) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Mesh;
+    use crate::scene::{Map, Mesh};
 
     /// A texture of four texels on a square whose texture coordinates turn it by a
     /// quarter: the picture turns with them.
     #[test]
     fn a_picture_follows_the_texture_coordinates() {
-        let texels = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE].to_vec();
+        let texels = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE].map(|t| t.extend(1.0)).to_vec();
         let planar = PlanarPolygon {
             mesh: 0,
             name: "window".to_owned(),
@@ -172,12 +171,12 @@ mod tests {
         };
         let scene = Scene {
             meshes: vec![Mesh::default()],
-            textures: vec![Texture { width: 2, height: 2, texels }],
+            textures: vec![Texture::from_texels(2, 2, texels)],
             ..Scene::default()
         };
         let material = Material {
             emission: Vec3::splat(2.0),
-            emission_texture: Some(0),
+            emission_texture: Some(Map::of(0)),
             ..Material::default()
         };
         let polygon = Polygon::rectilinear(&planar.vertices).expect("a square");

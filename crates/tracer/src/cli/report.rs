@@ -19,6 +19,8 @@ pub(crate) enum ReportPart {
     Integrators(Integrators),
     /// Count what geometry alone decides, and check it by quadrature.
     Oracle(Oracle),
+    /// Measure rays per second.
+    Rays(Rays),
 }
 
 /// All parts, on one page.
@@ -40,6 +42,33 @@ pub(crate) struct Everything {
     /// Only these sections, by the name in their address on the page.
     #[arg(long, value_name = "NAME", value_delimiter = ',')]
     pub(crate) only: Vec<String>,
+}
+
+#[derive(Debug, ClapArgs)]
+pub(crate) struct Rays {
+    /// Triangles of the bumpy sphere that is aimed at; rounded to whole rings.
+    #[arg(long, value_name = "N", default_value_t = 100_000,
+          value_parser = clap::value_parser!(u32).range(100..=20_000_000))]
+    pub(crate) triangles: u32,
+
+    /// Rays in each set.
+    #[arg(long, value_name = "N", default_value_t = 1 << 20,
+          value_parser = clap::value_parser!(u32).range(1..=1 << 26))]
+    pub(crate) rays: u32,
+
+    /// Repetitions, of which the median counts.
+    #[arg(long, value_name = "N", default_value_t = 5,
+          value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub(crate) repeats: u32,
+
+    /// Threads to use; 0 is one per core.
+    #[arg(short, long, value_name = "N", default_value_t = 1)]
+    pub(crate) threads: usize,
+
+    /// Existing folder for the mesh and the rays as raw f32 and u32, for other
+    /// programs to be measured with.
+    #[arg(long, value_name = "FOLDER")]
+    pub(crate) dump: Option<PathBuf>,
 }
 
 #[derive(Debug, ClapArgs)]

@@ -4,11 +4,14 @@ pub(crate) mod bake;
 pub(crate) mod convert;
 pub(crate) mod fly;
 pub(crate) mod inspect;
+mod interrupt;
 pub(crate) mod render;
 pub(crate) mod report;
 pub(crate) mod report_integrators;
 pub(crate) mod report_oracle;
+pub(crate) mod report_rays;
 pub(crate) mod transport;
+mod video;
 mod view;
 
 use crate::scene::{self, Scene};
@@ -28,7 +31,7 @@ fn load(path: &Path) -> anyhow::Result<Scene> {
 /// A progress bar on stderr, silent where that is no terminal.
 fn bar(length: u64, what: &'static str, unit: &str) -> ProgressBar {
     let template =
-        format!("{{msg:>9}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{eta}} left");
+        format!("{{msg:>14}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{eta}} left");
     let style =
         ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(length).with_style(style).with_message(what)

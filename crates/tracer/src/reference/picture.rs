@@ -54,7 +54,7 @@ pub(crate) fn render_reference(
     lighting: &Lighting,
     camera: &Camera,
     options: &ReferenceOptions,
-    progress: &(dyn Fn() + Sync),
+    progress: &(dyn Fn(u64) + Sync),
 ) -> anyhow::Result<(Film, RenderStats, Estimate)> {
     let mut render_options = options.render;
     let mut points = 1;
@@ -76,6 +76,9 @@ pub(crate) fn render_reference(
             let (film, stats) = render(scene, accel, patches, camera, &render_options, progress)?;
             total = [total, stats].into_iter().sum();
             sum.add(film);
+            if total.rows_left > 0 {
+                return Ok((sum.finish(0).0, total, Estimate { points: 0, relative: 1.0 }));
+            }
         }
         let taken = u64::from(PASSES) * u64::from(points) * u64::from(render_options.samples);
         let (film, estimate) = sum.finish(taken);

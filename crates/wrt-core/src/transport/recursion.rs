@@ -374,6 +374,30 @@ mod tests {
         }
     }
 
+    /// Coefficients are achromatic (§7.2.2.2): what happens to a channel does not
+    /// depend on its place, nor on the others.
+    #[test]
+    fn channels_in_another_order_arrive_in_that_order() {
+        let geometry = window_over_floor();
+        let turned = |emission: &Emission| {
+            let picture = emission.picture().iter().map(|&[r, g, b]| [g, b, r]).collect();
+            Emission::new(emission.level(), picture, emission.lobe())
+        };
+        let rule: Method = "trapezoid2d:9".parse().expect("a method");
+        let options = RecursionOptions { integrator: &rule, oracle: true };
+        let levels = Levels { position: 1, direction: 2 };
+        let arrives = |emission: &Emission| {
+            let source = TreeBuilder::from_grid(&emission.project(1)).finish();
+            transport_tree(&geometry, &source, levels, &options).0.finish().to_grid()
+        };
+        let (straight, permuted) = (arrives(&emission()), arrives(&turned(&emission())));
+        for (i, l) in (0..16).flat_map(|k| (0..4).map(move |p| (p, k))) {
+            let m = [i & 1, i >> 1, l & 3, l >> 2];
+            let [r, g, b] = straight.mean(m);
+            assert_eq!(permuted.mean(m), [g, b, r], "{m:?}");
+        }
+    }
+
     #[test]
     fn the_oracle_changes_nothing() {
         let geometry = window_over_floor();

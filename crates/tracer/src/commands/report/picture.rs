@@ -62,7 +62,7 @@ struct Shot {
 
 impl Stage<'_> {
     fn picture(&self, patches: &dyn PatchRadiance) -> anyhow::Result<(Film, RenderStats)> {
-        render(self.scene, &self.accel, Some(patches), self.camera, &self.options, &|| {})
+        render(self.scene, &self.accel, Some(patches), self.camera, &self.options, &|_| {})
     }
 
     /// Adds what is measured of the picture to `shot`.
