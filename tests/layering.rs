@@ -34,6 +34,7 @@ const WRT_CORE: &[&str] = &[
 /// Bottom to top: the scene, what rays find in it, what a pixel is, what is baked,
 /// what is typed, and what acts on it.
 const TRACER: &[&str] = &[
+    "threads",
     "scene",
     "accel",
     "camera",

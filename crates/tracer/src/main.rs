@@ -13,6 +13,7 @@ mod reference;
 mod render;
 mod report;
 mod scene;
+mod threads;
 mod wct_texture;
 mod whitted;
 

@@ -2,34 +2,25 @@
 //! whatever the number of threads: a pixel's samples depend on its place, the
 //! seed and nothing else.
 
+mod first_round;
+mod pixel;
+
+pub(crate) use pixel::splitmix;
+
 use crate::{
     accel::Accel,
     camera::Pinhole,
     emitters::AreaEmitter,
     film::{Film, Layers},
     scene::{Camera, Scene},
-    whitted::{PatchRadiance, Sample, Whitted},
+    threads::in_pool,
+    whitted::{PatchRadiance, Whitted},
 };
-use anyhow::Context as _;
-use glam::{DVec2, DVec3, DVec4, UVec2, Vec3};
+use first_round::FirstRound;
+use glam::{DVec2, DVec3, UVec2, Vec3};
+use pixel::{PixelSampler, Tally};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Step of the samples' sequence, which fills the unit 4-cube evenly: powers of
-/// 1/g for g⁵ = g + 1 (M. Roberts, *The Unreasonable Effectiveness of Quasirandom
-/// Sequences*, 2018).
-const R4: DVec4 = DVec4::new(
-    0.856_674_883_854_502_9,
-    0.733_891_856_627_125_8,
-    0.628_706_721_037_808_8,
-    0.538_597_257_223_608_1,
-);
-
-/// Samples of each pixel that say how many it needs.
-const ROUND: u32 = 8;
-
-/// What a pixel is at least taken for when its noise is compared with it.
-const DARK: f32 = 0.02;
 
 /// What to render, and how well.
 #[derive(Clone, Copy, Debug)]
@@ -138,7 +129,7 @@ pub(crate) fn render(
     let sampler = PixelSampler { whitted: &whitted, pinhole: &pinhole, options };
     let mut pixels = vec![Vec3::ZERO; crop.width * crop.height];
     let stopped = || options.stop.is_some_and(|stop| stop.load(Ordering::Relaxed));
-    let stats = in_pool(options, || {
+    let stats = in_pool(options.threads, || {
         let first = options.noise.map(|_| FirstRound::sample(&sampler, crop, &stopped));
         let rows = pixels.par_chunks_mut(crop.width.max(1)).enumerate().with_max_len(1);
         rows.map(|(row, pixels)| {
@@ -195,150 +186,14 @@ pub(crate) fn layers(
         let at = (UVec2::new(x as u32, y as u32).as_dvec2() + 0.5) / size;
         whitted.first(&pinhole.beam(at.x, at.y, 1.0 / size), ahead)
     };
-    in_pool(options, || (0..crop.width * crop.height).into_par_iter().map(pixel).collect())
+    in_pool(options.threads, || (0..crop.width * crop.height).into_par_iter().map(pixel).collect())
         .map(|pixels: Vec<_>| Layers { pixels })
-}
-
-fn in_pool<T: Send>(options: &RenderOptions, work: impl FnOnce() -> T + Send) -> anyhow::Result<T> {
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads)
-        .build()
-        .with_context(|| format!("starting {} threads", options.threads))?;
-    Ok(pool.install(work))
-}
-
-/// What the samples of one pixel have given so far.
-#[derive(Clone, Copy, Debug, Default)]
-struct Tally {
-    sum: Vec3,
-    squares: Vec3,
-    taken: u32,
-    rays: u64,
-    look_ups: u64,
-}
-
-/// Where a picture's samples go.
-struct PixelSampler<'a> {
-    whitted: &'a Whitted<'a>,
-    pinhole: &'a Pinhole,
-    options: &'a RenderOptions,
-}
-
-impl PixelSampler<'_> {
-    /// Adds samples to `tally` until there are `wanted`.
-    fn continue_to(&self, wanted: u32, x: usize, y: usize, tally: &mut Tally) {
-        let &RenderOptions { width, height, seed, samples, noise, .. } = self.options;
-        let (width_f, height_f) = (width as f64, height as f64);
-        let pixel = (y * width + x) as u64;
-        let shift = unit_cube(seed, pixel);
-        let scramble = splitmix(splitmix(seed).wrapping_add(pixel));
-        // Samples are that far apart if they are spread evenly.
-        let even = if noise.is_some() { samples.clamp(1, ROUND) } else { samples.max(1) };
-        let step = f64::from(even).sqrt().recip() / DVec2::new(width_f, height_f);
-        while tally.taken < wanted {
-            let point = (shift + f64::from(tally.taken) * R4).fract_gl();
-            let at_x = (x as f64 + 0.5 + tent(point.x)) / width_f;
-            let at_y = (y as f64 + 0.5 + tent(point.y)) / height_f;
-            let beam = self.pinhole.beam(at_x, at_y, step);
-            let (place, index) = (DVec2::new(point.z, point.w), tally.taken);
-            let mut sample = Sample { place, index, scramble, ..Sample::default() };
-            let radiance = self.whitted.radiance(&beam, &mut sample);
-            tally.sum += radiance;
-            tally.squares += radiance * radiance;
-            tally.rays += sample.rays;
-            tally.look_ups += sample.look_ups;
-            tally.taken += 1;
-        }
-    }
-}
-
-/// A few samples of every pixel, which say how many each should have.
-///
-/// Two stages (C. Stein, *A Two-Sample Test for a Linear Hypothesis Whose Power Is
-/// Independent of the Variance*, Ann. Math. Stat. 16, 1945), for to stop a pixel
-/// when its own samples agree is to stop where they missed an edge.
-struct FirstRound<'a> {
-    options: &'a RenderOptions,
-    /// The part sampled: the picture's and a pixel about it.
-    area: Crop,
-    tallies: Vec<Tally>,
-}
-
-impl<'a> FirstRound<'a> {
-    fn sample(sampler: &PixelSampler<'a>, crop: Crop, stopped: &(dyn Fn() -> bool + Sync)) -> Self {
-        let options = sampler.options;
-        let (left, top) = (crop.left.saturating_sub(1), crop.top.saturating_sub(1));
-        let width = (crop.left + crop.width + 1).min(options.width) - left;
-        let height = (crop.top + crop.height + 1).min(options.height) - top;
-        let tally = |i: usize| {
-            let mut tally = Tally::default();
-            if !stopped() {
-                let round = options.samples.clamp(1, ROUND);
-                sampler.continue_to(round, left + i % width, top + i / width, &mut tally);
-            }
-            tally
-        };
-        let tallies = (0..width * height).into_par_iter().map(tally).collect();
-        Self { options, area: Crop { left, top, width, height }, tallies }
-    }
-
-    fn tally(&self, x: usize, y: usize) -> Tally {
-        self.tallies[(y - self.area.top) * self.area.width + x - self.area.left]
-    }
-
-    /// How many samples take the pixel's standard error to what is asked for, by the
-    /// variance of all samples of the pixel and its eight neighbours.
-    ///
-    /// As if samples were independent: evenly spread ones are better.
-    fn wanted(&self, x: usize, y: usize) -> u32 {
-        let most = self.options.samples.max(1);
-        let near = |c: usize, from: usize, n: usize| {
-            c.saturating_sub(1).max(from)..=(c + 1).min(from + n - 1)
-        };
-        let (mut sum, mut squares, mut taken) = (Vec3::ZERO, Vec3::ZERO, 0);
-        for y in near(y, self.area.top, self.area.height) {
-            for x in near(x, self.area.left, self.area.width) {
-                let tally = self.tally(x, y);
-                sum += tally.sum;
-                squares += tally.squares;
-                taken += tally.taken;
-            }
-        }
-        let n = taken.max(1) as f32;
-        let variance = (squares / n - (sum / n).powf(2.0)).max(Vec3::ZERO);
-        let own = self.tally(x, y);
-        let mean = (own.sum / own.taken.max(1) as f32).max(Vec3::splat(DARK));
-        let error = self.options.noise.unwrap_or(1.0) * mean;
-        let samples = (variance / (error * error)).max_element().min(most as f32);
-        (samples.ceil() as u32).clamp(most.min(ROUND), most)
-    }
-}
-
-/// Takes [0, 1) to (−1, 1) with density 1 − |x|: sampling by the pixel filter, so
-/// that samples weigh the same and pixels share none.
-fn tent(u: f64) -> f64 {
-    if u < 0.5 { (2.0 * u).sqrt() - 1.0 } else { 1.0 - (2.0 - 2.0 * u).sqrt() }
-}
-
-/// A point of the unit 4-cube that belongs to `pixel`.
-fn unit_cube(seed: u64, pixel: u64) -> DVec4 {
-    let start = splitmix(seed).wrapping_add(pixel);
-    let [a, b] = [splitmix(start), splitmix(!start)];
-    let unit = |bits: u64| (bits & 0xffff_ffff) as f64 / 4_294_967_296.0;
-    DVec4::new(unit(a), unit(a >> 32), unit(b), unit(b >> 32))
-}
-
-/// Scrambles 64 bits (G. Steele, D. Lea and C. Flood, *Fast Splittable
-/// Pseudorandom Number Generators*, OOPSLA 2014).
-pub(crate) fn splitmix(x: u64) -> u64 {
-    let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
 }
 
 #[cfg(test)]
 mod tests {
+    use super::first_round::DARK;
+    use super::pixel::tent;
     use super::*;
     use crate::scene::{LightKind, Material, Mesh, Projection, PunctualLight};
     use glam::{DAffine3, DVec3};

@@ -23,8 +23,9 @@ impl Checked {
     }
 }
 
-/// Looks the patch up, by (u, v, κ, λ) or by direction, at well-spread points and directions and compares with
-/// direct quadrature over the emitters: the error that a picture will have.
+/// Looks the patch up, by (u, v, κ, λ) or by direction, at well-spread points and
+/// directions and compares with direct quadrature over the emitters: the error that a
+/// picture will have.
 pub(super) fn check(
     receiver: &Receiver,
     emitters: &[(Polygon, Emission)],

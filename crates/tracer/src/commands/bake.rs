@@ -3,6 +3,7 @@
 use crate::bake::{BakeOptions, Baked, Stage, Transport, bake};
 use crate::cli;
 use crate::scene::Scene;
+use crate::threads::in_pool;
 use anyhow::{Context as _, bail};
 use std::collections::BTreeMap;
 use wrt_core::transport::{BlockOptions, Integrator as _};
@@ -17,7 +18,6 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     }
     let scene = super::load(&args.scene)?;
     let mut options = options(&args.accuracy, args.incident)?;
-    options.incident = args.incident;
     options.quantise = !args.raw;
     let baked = baked(&scene, &options, args.threads)
         .with_context(|| format!("baking {}", args.scene.display()))?;
@@ -90,7 +90,7 @@ pub(crate) fn options(accuracy: &cli::Accuracy, incident: bool) -> anyhow::Resul
             None => Keep::RelativeError(accuracy.threshold.unwrap_or(THRESHOLD)),
         },
         quantise: true,
-        incident: false,
+        incident,
         checks: accuracy.checks,
     })
 }
@@ -113,7 +113,7 @@ pub(crate) fn baked(scene: &Scene, options: &BakeOptions, threads: usize) -> any
         bar.set_length(of as u64);
         bar.set_position(done as u64);
     };
-    let baked = super::with_threads(threads, || bake(scene, options, &progress))?;
+    let baked = in_pool(threads, || bake(scene, options, &progress))?;
     bar.finish_and_clear();
     let baked = baked?;
     for warning in &baked.warnings {

@@ -18,6 +18,7 @@ use crate::scene::{self, Scene};
 use anyhow::Context as _;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::Path;
+use wrt_core::wct_file::write_aside;
 
 /// Reads a scene and prints what it could not use of it.
 fn load(path: &Path) -> anyhow::Result<Scene> {
@@ -37,8 +38,7 @@ fn bar(length: u64, what: &'static str, unit: &str) -> ProgressBar {
     ProgressBar::new(length).with_style(style).with_message(what)
 }
 
-/// Runs `work` on a pool of so many threads; 0 is one per core.
-fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> anyhow::Result<T> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    Ok(pool.context("starting threads")?.install(work))
+/// Writes `text` whole or not at all.
+fn save(path: &Path, text: &str) -> anyhow::Result<()> {
+    write_aside(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
 }

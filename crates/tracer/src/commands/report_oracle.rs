@@ -99,7 +99,7 @@ pub(crate) fn run(args: &Oracle) -> anyhow::Result<()> {
     let folder = &args.output;
     fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let path = folder.join("oracle.csv");
-    fs::write(&path, csv).with_context(|| format!("cannot write {}", path.display()))
+    super::save(&path, &csv)
 }
 
 /// All pairs of two levels' cells, or as many of them well spread.

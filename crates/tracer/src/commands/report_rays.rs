@@ -9,6 +9,7 @@ use crate::accel::Accel;
 use crate::camera::Pinhole;
 use crate::cli::Rays;
 use crate::scene::{Camera, Material, Mesh, Projection, Scene};
+use crate::threads::in_pool;
 use anyhow::Context as _;
 use cpu_time::ProcessTime;
 use glam::{DAffine3, DVec3};
@@ -22,7 +23,7 @@ type Ray = (DVec3, DVec3);
 
 /// Measures and prints one line of JSON.
 pub(crate) fn run(args: &Rays) -> anyhow::Result<()> {
-    super::with_threads(args.threads, || measure(args))?
+    in_pool(args.threads, || measure(args))?
 }
 
 fn measure(args: &Rays) -> anyhow::Result<()> {

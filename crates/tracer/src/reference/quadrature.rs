@@ -26,9 +26,7 @@ impl Quadrature {
         let triangles = receivers_of(scene, &receivers);
         Ok(Self { emitters, cells: 1 << level, receivers, triangles })
     }
-}
 
-impl Quadrature {
     /// Whether this triangle is part of a receiver.
     pub(crate) fn covers(&self, mesh: usize, triangle: u32) -> bool {
         self.triangles[mesh][triangle as usize].is_some()

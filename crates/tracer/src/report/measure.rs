@@ -44,7 +44,7 @@ pub(crate) fn cpu_time<T>(runs: usize, mut work: impl FnMut() -> T) -> (T, Cost)
 }
 
 /// The cost at which runs of (cost, error), by increasing cost, come below
-/// `target`, between two of them by a power law; `None` if they do not.
+/// `target` to stay, between two of them by a power law; `None` if they do not.
 pub(crate) fn time_to(runs: &[[f64; 2]], target: f64) -> Option<f64> {
     let Some(above) = runs.iter().rposition(|run| run[1] > target) else {
         return runs.first().map(|run| run[0]);
@@ -78,5 +78,15 @@ mod tests {
         assert_eq!((last, count), (3, 3));
         assert!(cost.least <= cost.median && cost.median <= cost.most, "{cost:?}");
         assert!(cost.spread() >= 1.0, "{cost:?}");
+    }
+
+    #[test]
+    fn a_power_law_is_interpolated_exactly() {
+        let runs = [1.0, 4.0, 16.0, 64.0].map(|t: f64| [t, 1.0 / t]);
+        assert!((time_to(&runs, 0.1).expect("reached") - 10.0).abs() < 1e-12, "1 / 0.1");
+        assert_eq!(time_to(&runs, 1e-3), None, "64 s reach 1/64");
+        // A lucky hit is not arriving.
+        let lucky = [[1.0, 1e-9], [2.0, 0.5], [4.0, 0.25]];
+        assert_eq!(time_to(&lucky, 0.25), Some(4.0));
     }
 }

@@ -1,27 +1,16 @@
 //! What thresholding costs: error against coefficients kept.
 
-use super::Bench;
-use crate::bake::{emissions, receivers};
+use super::{Bench, GlossyTile};
 use crate::report::{Chart, Point, Section, Series, Table, Value, cpu_time};
-use anyhow::Context as _;
-use wrt_core::transport::{BlockOptions, TransportGeometry, transport_block};
-use wrt_core::{Grid, Keep, Levels, LobeMatrix, TreeBuilder, reflect};
+use wrt_core::{Grid, Keep, Levels, TreeBuilder};
 
 /// What the paper keeps of 32⁴ coefficients (§7.3).
 const PAPER: f64 = 0.05;
 
 pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
-    let scene = bench.scene("chapel/chapel.gltf")?;
     let level = bench.choose(4, 5);
     let levels = Levels::isotropic(level);
-    let (polygon, emission) =
-        emissions(&scene, Some(level + 1))?.into_iter().next().context("an emitter")?;
-    let tiles = receivers(&scene, &mut Vec::new())?;
-    let tile = tiles.iter().find(|t| t.phong.is_glossy()).context("a glossy receiver")?;
-    let geometry = TransportGeometry::new(polygon, tile.polygon.clone());
-    let incident = transport_block(&geometry, &emission, levels, BlockOptions::default());
-    let lobe = LobeMatrix::phong(tile.phong.exponent, level, level);
-    let outgoing = reflect(&incident, &tile.phong, Some(&lobe));
+    let GlossyTile { incident, outgoing } = GlossyTile::at(bench, level)?;
     let full = levels.positions() * levels.directions();
     let (mut rows, mut series) = (Vec::new(), Vec::new());
     let mut add = |name: &str, grid: &Grid| {

@@ -1,16 +1,10 @@
 //! Look-ups: time by layout.
 
-use super::Bench;
-use crate::bake::{emissions, receivers};
+use super::{Bench, GlossyTile};
 use crate::report::{Chart, Point, Section, Series, Table, Value, cpu_time};
-use anyhow::Context as _;
 use std::collections::HashMap;
 use std::hint::black_box;
-use wrt_core::transport::{BlockOptions, TransportGeometry, transport_block};
-use wrt_core::{
-    CHILDREN, Cell, Grid, Keep, Levels, LobeMatrix, Sampler, Tree, TreeBuilder, children, reflect,
-    sobol,
-};
+use wrt_core::{CHILDREN, Cell, Grid, Keep, Levels, Sampler, Tree, TreeBuilder, children, sobol};
 
 /// Nodes found by hashing their index, coefficients summed along the path, as the
 /// paper has it (§7.2.2.3).
@@ -119,17 +113,8 @@ fn points(count: u32) -> [(&'static str, Vec<[f64; 4]>); 2] {
 }
 
 pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
-    let scene = bench.scene("chapel/chapel.gltf")?;
     let level = bench.choose(4, 5);
-    let levels = Levels::isotropic(level);
-    let (polygon, emission) =
-        emissions(&scene, Some(level + 1))?.into_iter().next().context("an emitter")?;
-    let tiles = receivers(&scene, &mut Vec::new())?;
-    let tile = tiles.iter().find(|t| t.phong.is_glossy()).context("a glossy receiver")?;
-    let geometry = TransportGeometry::new(polygon, tile.polygon.clone());
-    let incident = transport_block(&geometry, &emission, levels, BlockOptions::default());
-    let lobe = LobeMatrix::phong(tile.phong.exponent, level, level);
-    let grid = reflect(&incident, &tile.phong, Some(&lobe));
+    let grid = GlossyTile::at(bench, level)?.outgoing;
     let tree = TreeBuilder::from_grid(&grid).finish();
     let dense = Dense::new(&grid);
     let full = CHILDREN.pow(level.into());
@@ -148,8 +133,7 @@ pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
                 Value::Number(cost.spread()),
                 Value::Count(bytes as u64),
             ]);
-            let range = Some([cost.least, cost.most]);
-            Point { x: 100.0 * kept, y: cost.median, range: range.filter(|_| false) }
+            Point { x: 100.0 * kept, y: cost.median, range: None }
         };
         let bytes = size_of_val(&dense.cells[..]);
         let mut series: Vec<Series> = Vec::new();

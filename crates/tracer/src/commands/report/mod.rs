@@ -10,7 +10,7 @@ mod look_up;
 mod picture;
 mod transport;
 
-use crate::bake::{Baked, bake};
+use crate::bake::{Baked, bake, emissions, receivers};
 use crate::cli;
 use crate::report::{Page, Section, cpu_time, machine};
 use crate::scene::Scene;
@@ -19,8 +19,9 @@ use anyhow::{Context as _, bail};
 use clap::Parser as _;
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
-use wrt_core::WctFile;
+use std::path::PathBuf;
+use wrt_core::transport::{BlockOptions, TransportGeometry, transport_block};
+use wrt_core::{Grid, Levels, LobeMatrix, WctFile, reflect};
 
 /// What sections measure, and how well.
 struct Bench {
@@ -83,12 +84,12 @@ pub(crate) fn run(args: &cli::Everything) -> anyhow::Result<()> {
     }
     bar.finish_and_clear();
     for table in sections.iter().flat_map(|section| &section.tables) {
-        write(&output.join(format!("{}.csv", table.name)), &table.to_csv())?;
+        super::save(&output.join(format!("{}.csv", table.name)), &table.to_csv())?;
     }
     for section in &sections {
         for (i, chart) in section.charts.iter().enumerate() {
             if let Some(svg) = chart.to_file() {
-                write(&output.join(format!("{}-{}.svg", section.id, i + 1)), &svg)?;
+                super::save(&output.join(format!("{}-{}.svg", section.id, i + 1)), &svg)?;
             }
         }
     }
@@ -101,13 +102,32 @@ pub(crate) fn run(args: &cli::Everything) -> anyhow::Result<()> {
         ),
     ];
     let page = output.join("index.html");
-    write(&page, &Page { about, sections }.to_html())?;
+    super::save(&page, &Page { about, sections }.to_html())?;
     println!("{}", page.display());
     Ok(())
 }
 
-fn write(path: &Path, text: &str) -> anyhow::Result<()> {
-    fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))
+/// Radiance of the chapel's first glossy tile, from its first emitter.
+struct GlossyTile {
+    incident: Grid,
+    outgoing: Grid,
+}
+
+impl GlossyTile {
+    /// Cells of `level` along all four dimensions.
+    fn at(bench: &Bench, level: u8) -> anyhow::Result<Self> {
+        let scene = bench.scene("chapel/chapel.gltf")?;
+        let levels = Levels::isotropic(level);
+        let (polygon, emission) =
+            emissions(&scene, Some(level + 1))?.into_iter().next().context("an emitter")?;
+        let tiles = receivers(&scene, &mut Vec::new())?;
+        let tile = tiles.iter().find(|t| t.phong.is_glossy()).context("a glossy receiver")?;
+        let geometry = TransportGeometry::new(polygon, tile.polygon.clone());
+        let incident = transport_block(&geometry, &emission, levels, BlockOptions::default());
+        let lobe = LobeMatrix::phong(tile.phong.exponent, level, level);
+        let outgoing = reflect(&incident, &tile.phong, Some(&lobe));
+        Ok(Self { incident, outgoing })
+    }
 }
 
 /// A bake, ready to be looked up.

@@ -57,10 +57,7 @@ impl Region {
             for (low, high) in pairs(self.split, d) {
                 let (s, t) = (b[low], b[high]);
                 match self.step(d, low, high) {
-                    Step::Turn(cos, sin) => {
-                        b[low] = cos * s + sin * t;
-                        b[high] = sin * s - cos * t;
-                    }
+                    Step::Turn(cos, sin) => (b[low], b[high]) = reflected(cos, sin, s, t),
                     Step::Move => (b[low], b[high]) = (t, 0.0),
                     Step::Stay => {}
                 }
@@ -78,10 +75,7 @@ impl Region {
                 let (s, t) = (b[low], b[high]);
                 match self.step(d, low, high) {
                     // A reflection is its own inverse.
-                    Step::Turn(cos, sin) => {
-                        b[low] = cos * s + sin * t;
-                        b[high] = sin * s - cos * t;
-                    }
+                    Step::Turn(cos, sin) => (b[low], b[high]) = reflected(cos, sin, s, t),
                     Step::Move => (b[low], b[high]) = (0.0, s),
                     Step::Stay => {}
                 }
@@ -113,6 +107,11 @@ fn pairs(split: usize, d: usize) -> impl Iterator<Item = (usize, usize)> {
     let bit = 1 << d;
     let low = (0..CHILDREN).filter(move |i| i & bit == 0 && i & !split == 0);
     low.filter(move |_| split & bit != 0).map(move |low| (low, low | bit))
+}
+
+/// (s, t) in the line at the angle of (cos, sin) halved.
+fn reflected(cos: f64, sin: f64, s: f64, t: f64) -> (f64, f64) {
+    (cos * s + sin * t, sin * s - cos * t)
 }
 
 #[cfg(test)]
