@@ -2,6 +2,8 @@
 
 mod bake;
 mod cli;
+mod fly;
+mod images;
 mod interaction;
 mod layering;
 mod paper;

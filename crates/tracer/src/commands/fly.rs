@@ -46,9 +46,7 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
             bar.inc(1);
         })?;
         if !picture.is_whole() {
-            let extension = path.extension().unwrap_or_default().to_string_lossy();
-            let partial = path.with_extension(format!("partial.{extension}"));
-            picture.save(&partial, stage.display())?;
+            let partial = picture.save_partial(path, stage.display())?;
             bar.finish_and_clear();
             bail!(
                 "stopped with {rendered} pictures rendered and {} left, of which {} is begun; run the command again to go on",

@@ -1,6 +1,6 @@
 //! `tracer render`: a scene and a `.wct` file to a picture.
 
-use super::view::{Meter, Stage, named};
+use super::view::{Meter, Stage, named, partial};
 use crate::cli;
 use crate::film::Format;
 use crate::reference::Target;
@@ -25,12 +25,13 @@ pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
         bar.inc(1);
     })?;
     bar.finish_and_clear();
+    if !picture.is_whole() {
+        let partial = picture.save_partial(&args.output, stage.display())?;
+        let left = picture.stats.rows_left;
+        bail!("{}: stopped with {left} of {rows} rows left, which are black", partial.display());
+    }
     picture.save(&args.output, stage.display())?;
     let output = args.output.display();
-    if !picture.is_whole() {
-        let left = picture.stats.rows_left;
-        bail!("{output}: stopped with {left} of {rows} rows left, which are black");
-    }
     if args.view.json {
         let mut fields = meter.fields();
         fields["output"] = json!(output.to_string());
@@ -68,10 +69,12 @@ fn run_reference(args: &cli::Render) -> anyhow::Result<()> {
         })
         .with_context(|| format!("{}", args.scene.display()))?;
     bar.finish_and_clear();
-    film.save(&args.output, stage.display())?;
     if stats.rows_left > 0 {
-        bail!("{}: stopped before its end: too dark in places", args.output.display());
+        let partial = partial(&args.output);
+        film.save(&partial, stage.display())?;
+        bail!("{}: stopped before its end: too dark in places", partial.display());
     }
+    film.save(&args.output, stage.display())?;
     println!(
         "{}: {width}x{height}, camera {}, {} points a pixel, {:.2} million rays in {:.2} s, error {:.3} % relative RMS, estimated",
         args.output.display(),

@@ -43,6 +43,14 @@ impl Picture {
         self.stats.rows_left == 0
     }
 
+    /// Writes what there is beside `path`, as `name.partial.png`, and returns where:
+    /// `path` itself may hold a whole picture from before.
+    pub(super) fn save_partial(&self, path: &Path, display: Display) -> anyhow::Result<PathBuf> {
+        let partial = partial(path);
+        self.save(&partial, display)?;
+        Ok(partial)
+    }
+
     /// Writes it to `path`.
     pub(super) fn save(&self, path: &Path, display: Display) -> anyhow::Result<()> {
         self.film.save_with(path, display, self.layers.as_ref(), Some(&self.metadata))
@@ -195,6 +203,12 @@ impl<'a> Stage<'a> {
     pub(super) fn patches(&self) -> usize {
         self.texture.as_ref().map_or(0, WctTexture::len)
     }
+}
+
+/// Where a picture goes that was stopped before its end.
+pub(super) fn partial(path: &Path) -> PathBuf {
+    let extension = path.extension().unwrap_or_default().to_string_lossy();
+    path.with_extension(format!("partial.{extension}"))
 }
 
 /// What was typed, as a film takes it.

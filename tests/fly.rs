@@ -1,0 +1,117 @@
+//! Flights and interruptions: what exists is never lost, and what is there is not
+//! done again.
+
+use crate::support::{Folder, chapel_wct, fail, scene, succeed};
+use serde_json::Value;
+use std::fs;
+
+/// A flight of three pictures, 16x9.
+fn fly(folder: &Folder, more: &[&str]) -> Value {
+    let (chapel, output) = (scene("chapel/chapel.gltf"), folder.path("frame.##.png"));
+    let args = ["fly", &chapel, "--wct", chapel_wct(), "-o", &output, "--json"];
+    let quick = ["--fps", "0.2", "--size", "16x9", "--samples", "1", "--emitter-grid", "1"];
+    let printed = succeed(&[&args[..], &quick, more].concat());
+    serde_json::from_str(&printed).expect("JSON")
+}
+
+#[test]
+fn a_flight_goes_on_where_it_was_left() {
+    let folder = Folder::new();
+    let whole = fly(&folder, &[]);
+    assert_eq!((&whole["rendered"], &whole["skipped"]), (&3.into(), &0.into()), "{whole}");
+    let frames = ["frame.00.png", "frame.01.png", "frame.02.png"];
+    assert_eq!(folder.names(), frames);
+    let bytes = |name: &str| fs::read(folder.path(name)).expect("a picture");
+    let middle = bytes(frames[1]);
+    assert!(bytes(frames[0]) != middle, "the camera does not move");
+    fs::remove_file(folder.path(frames[1])).expect("it is there");
+    fs::write(folder.path(frames[0]), "not to be touched").expect("a writable file");
+    let rest = fly(&folder, &[]);
+    assert_eq!((&rest["rendered"], &rest["skipped"]), (&1.into(), &2.into()), "{rest}");
+    assert!(bytes(frames[1]) == middle, "another picture than before");
+    assert_eq!(bytes(frames[0]), b"not to be touched");
+}
+
+#[test]
+fn a_part_of_a_flight_becomes_a_video() {
+    let folder = Folder::new();
+    let video = folder.path("all.png");
+    fly(&folder, &["--start", "1", "--end", "2", "--video", &video]);
+    assert_eq!(folder.names(), ["all.png", "frame.01.png", "frame.02.png"]);
+    let file = std::io::BufReader::new(fs::File::open(&video).expect("the video"));
+    let mut reader = png::Decoder::new(file).read_info().expect("a PNG");
+    let animation = *reader.info().animation_control().expect("an animation");
+    assert_eq!(animation.num_frames, 2);
+    for name in ["frame.01.png", "frame.02.png"] {
+        let mut pixels = vec![0; reader.output_buffer_size().expect("a small picture")];
+        reader.next_frame(&mut pixels).expect("a picture");
+        let frame = image::open(folder.path(name)).expect("a PNG").into_rgb8();
+        assert!(pixels == frame.into_raw(), "{name} is not in the video");
+    }
+    let chapel = scene("chapel/chapel.gltf");
+    let output = folder.path("frame.##.png");
+    let args = ["fly", &chapel, "--wct", chapel_wct(), "-o", &output, "--fps", "0.2"];
+    let complaint = fail(1, &[&args[..], &["--end", "3"]].concat());
+    assert!(complaint.contains("the flight has pictures 0 to 2"), "{complaint}");
+}
+
+#[cfg(unix)]
+mod stopped {
+    use super::*;
+    use std::process::{Child, Command, Output, Stdio};
+    use std::time::Duration;
+
+    /// Starts a picture that takes minutes, in 4000 rows that take little each; there
+    /// is stone wherever it looks.
+    fn start(output: &str) -> Child {
+        Command::new(env!("CARGO_BIN_EXE_tracer"))
+            .args(["render", &scene("chapel/chapel.gltf"), "--wct", chapel_wct(), "-o", output])
+            .args(["--size", "8x4000", "--samples", "1000", "--threads", "1"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program to test")
+    }
+
+    /// Sends `signal` to a picture in the making. On a busy machine it may come before
+    /// the program listens, and then ends it as it ends any; a later one is tried.
+    fn stopped_by(signal: &str, output: &str, listens: bool) -> Output {
+        for seconds in [0.5, 2.0, 8.0, 30.0] {
+            let child = start(output);
+            std::thread::sleep(Duration::from_secs_f64(seconds));
+            let sent = Command::new("kill").args([signal, &child.id().to_string()]).status();
+            assert!(sent.expect("kill").success(), "it has ended before");
+            let ended = child.wait_with_output().expect("its end");
+            if !listens || ended.status.code().is_some() {
+                return ended;
+            }
+        }
+        panic!("it never listened");
+    }
+
+    #[test]
+    fn ctrl_c_keeps_the_picture_that_was_there() {
+        let folder = Folder::new();
+        let output = folder.path("a.png");
+        fs::write(&output, "hours of work").expect("a file");
+        let ended = stopped_by("-INT", &output, true);
+        let complaint = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!(ended.status.code(), Some(1), "{complaint}");
+        assert!(complaint.contains("a.partial.png: stopped with "), "{complaint}");
+        assert_eq!(folder.names(), ["a.partial.png", "a.png"]);
+        assert_eq!(fs::read(&output).expect("still there"), b"hours of work");
+        let partial = image::open(folder.path("a.partial.png")).expect("a PNG").into_rgb8();
+        assert_eq!(partial.dimensions(), (8, 4000));
+        assert!(partial.pixels().any(|p| p.0 != [0; 3]), "nothing of what was done");
+    }
+
+    #[test]
+    fn a_killed_program_leaves_nothing_half_written() {
+        let folder = Folder::new();
+        let output = folder.path("a.png");
+        fs::write(&output, "hours of work").expect("a file");
+        stopped_by("-KILL", &output, false);
+        assert_eq!(folder.names(), ["a.png"]);
+        assert_eq!(fs::read(&output).expect("still there"), b"hours of work");
+    }
+}
