@@ -36,7 +36,7 @@ mod values;
 use super::{Node, Tree};
 use crate::{Levels, children, pull};
 use quantise::Analysis;
-use range::{Decoder, Encoder};
+use range::{Coder as _, Decoder, Encoder};
 use shape::{Branch, Shape, volume};
 use std::sync::Arc;
 use values::NodeValues;
@@ -174,8 +174,12 @@ impl Tree {
         }
         let mut coder = Decoder::new(bits);
         let most = NODES_PER_BYTE * bytes.len();
-        let Some(shape) = Shape::code(&mut coder, levels, header[76] == 1, &[], most) else {
-            return Err(format!("{} bytes for more than {most} nodes", bytes.len()));
+        let shape = Shape::code(&mut coder, levels, header[76] == 1, &[], most);
+        let Some(shape) = shape.filter(|_| !coder.has_run_out()) else {
+            return Err(match coder.has_run_out() {
+                true => "its bits end early".to_owned(),
+                false => format!("{} bytes for more than {most} nodes", bytes.len()),
+            });
         };
         let mut decoded = Decoded::new(&shape, root, step, axes);
         values::code(&mut coder, &shape, root, &[], |branch, values| decoded.add(branch, values));
