@@ -234,6 +234,32 @@ mod tests {
         assert!(straight < 0.1 * stay, "squares {straight} {stay}");
     }
 
+    /// Two patches of one floor under a light that changes evenly, along u and along v.
+    #[test]
+    fn tiles_of_even_shading_have_no_seam() {
+        let levels = Levels { position: 3, direction: 3 };
+        let shade = |x: f64, y: f64, k: f64| [2.0 + x - 0.5 * y + k * x, x * k, 1.0];
+        let patch = |[x, y]: [f64; 2]| {
+            sampler(levels, move |[u, v, k, _]| shade(x + u, y + v, k).map(|l| l.max(0.0)))
+        };
+        let (own, right, above) = (patch([0.0, 0.0]), patch([1.0, 0.0]), patch([0.0, 1.0]));
+        for i in 0..200 {
+            let x = |k: f64| (f64::from(i) * k).fract();
+            let (sine, cosine) = f64::from(i).sin_cos();
+            let r = 0.499 * x(0.311).sqrt();
+            let at = |u: f64, v: f64| [u, v, 0.5 + r * cosine, 0.5 + r * sine];
+            let t = x(0.618);
+            for (a, b) in [
+                (own.multilinear(at(1.0, t)), right.multilinear(at(0.0, t))),
+                (own.multilinear(at(t, 1.0)), above.multilinear(at(t, 0.0))),
+            ] {
+                for (a, b) in a.into_iter().zip(b) {
+                    assert!((a - b).abs() < 2e-5, "{i}: {a} {b}");
+                }
+            }
+        }
+    }
+
     /// What continuity at the rim rests on: the cells that count never fade out.
     #[test]
     fn inside_the_udc_cells_that_count_have_weight() {
