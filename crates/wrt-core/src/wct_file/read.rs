@@ -33,7 +33,7 @@ impl WctFile {
 
     /// Reads the bytes of a file. They may be anything: there is no panic, and no
     /// more memory in use than 16 times their number, or 6000 times that of coded
-    /// trees.
+    /// trees and a megabyte for each thread that decodes them.
     ///
     /// # Errors
     ///

@@ -140,8 +140,8 @@ impl Tree {
     }
 
     /// The tree that is coded as `bytes`, or what is wrong with them: an outside
-    /// file promises nothing. Needs memory of at most 6000 times their number,
-    /// whatever they are.
+    /// file promises nothing. Needs memory of at most 6000 times their number and a
+    /// megabyte, whatever they are.
     ///
     /// # Errors
     ///
