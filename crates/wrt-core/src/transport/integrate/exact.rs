@@ -177,7 +177,7 @@ mod tests {
     fn coefficients_of_a_cell_whose_rays_all_land_sum_to_the_ratio_of_areas() {
         let floor = rectangle([-8., -9., 0.], [16., 0., 0.], [0., 16., 0.]);
         let level = [[0., 0., 1.], [0., 1., 0.], [1., 0., 0.]];
-        let tilted = [[0.1, -0.2, 0.9], [0.1, 0.9, 0.2], [0.9, 0.0, -0.3]];
+        let tilted = [[0.1, -0.2, 0.9], [0.0, 0.96, 0.28], [0.96, -0.0784, 0.2688]];
         for [origin, u, v] in [level, tilted] {
             let source = rectangle(origin, u, v);
             let expected = source.area() / floor.area();
