@@ -151,6 +151,10 @@ fn options_of_both_bases_together_are_refused() {
     assert!(complaint.contains("--compress is for the Haar basis"), "{complaint}");
     let complaint = refused(&["--basis", "haar", "--error", "0.01"]);
     assert!(complaint.contains("--error is for --basis smooth"), "{complaint}");
+    let complaint = refused(&["--basis", "haar", "--orders", "3,3"]);
+    assert!(complaint.contains("--orders is for --basis smooth"), "{complaint}");
+    let complaint = refused(&["--level", "3", "--orders", "3,3"]);
+    assert!(complaint.contains("--orders is for --basis smooth"), "{complaint}");
     let complaint = refused(&["--basis", "smooth", "--incident"]);
     assert!(complaint.contains("--incident is for the Haar basis"), "{complaint}");
     assert!(folder.names().is_empty(), "{:?}", folder.names());
