@@ -42,6 +42,7 @@ const TRACER: &[&str] = &[
     "emitters",
     "whitted",
     "film",
+    "flip",
     "render",
     "wct_texture",
     "plot",
