@@ -20,6 +20,8 @@ const WRT_CORE: &[&str] = &[
     "emission",
     "transport",
     "interaction",
+    "sky",
+    "glazing",
     "gather",
     "sampler",
     "metrics",
