@@ -116,8 +116,13 @@ pub(crate) fn bake(
     for emitter in &emitters {
         hash.points(&emitter.polygon.vertices());
         hash.add(emitter.fine.picture().iter().flatten().flat_map(|x| x.to_le_bytes()));
-        if let Lobe::Cosine { exponent, peak } = emitter.emission.lobe() {
-            hash.points(&[peak, DVec3::splat(exponent)]);
+        match emitter.emission.lobe() {
+            Lobe::Lambertian => {}
+            Lobe::Cosine { exponent, peak } => hash.points(&[*peak, DVec3::splat(*exponent)]),
+            Lobe::Table { factors, x, .. } => {
+                hash.points(&[x.extend(0.0)]);
+                hash.add(factors.iter().flat_map(|f| f.to_le_bytes()));
+            }
         }
     }
     let direct: Vec<(Polygon, Emission)> =

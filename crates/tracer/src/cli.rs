@@ -5,12 +5,14 @@ mod inspect;
 mod report;
 mod transport;
 mod view;
+mod weather;
 
 pub(crate) use bake::{Accuracy, Bake};
 pub(crate) use inspect::Inspect;
 pub(crate) use report::{Integrators, Report};
 pub(crate) use transport::Transport;
 pub(crate) use view::{Fly, Render, Tone, View};
+pub(crate) use weather::Weather;
 
 use clap::{Parser, Subcommand};
 

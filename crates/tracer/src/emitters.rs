@@ -112,7 +112,7 @@ impl AreaEmitter {
                 }
             }
         }
-        let peak = |lobe: Lobe| (mesh.transform.matrix3 * lobe.peak).normalize_or_zero();
+        let peak = |lobe: &Lobe| (mesh.transform.matrix3 * lobe.peak).normalize_or_zero();
         Self {
             corner: piece.corner,
             edge_u: piece.edge_u,
@@ -120,7 +120,7 @@ impl AreaEmitter {
             normal: piece.edge_u.cross(piece.edge_v).normalize(),
             cell_area: piece.area() * h * h,
             cell_side: h,
-            lobe: material.lobe.map(|lobe| Lobe { peak: peak(lobe), ..lobe }),
+            lobe: material.lobe.as_ref().map(|lobe| Lobe { peak: peak(lobe), ..lobe.clone() }),
             shape: piece.shape,
             cells,
         }
@@ -157,7 +157,7 @@ impl AreaEmitter {
             if cos_d <= 0.0 || cos_s <= 0.0 || cell.radiance == Vec3::ZERO {
                 continue;
             }
-            let lobe = self.lobe.map_or(1.0, |lobe| lobe_factor(lobe, -to_light));
+            let lobe = self.lobe.as_ref().map_or(1.0, |lobe| lobe_factor(lobe, -to_light));
             if lobe == 0.0 {
                 continue;
             }
@@ -177,7 +177,10 @@ impl AreaEmitter {
 
 /// How much of its peak radiance a lobe sends along `travel`, a unit vector in
 /// the peak's coordinates.
-pub(crate) fn lobe_factor(lobe: Lobe, travel: DVec3) -> f64 {
+pub(crate) fn lobe_factor(lobe: &Lobe, travel: DVec3) -> f64 {
+    if let Some(window) = &lobe.window {
+        return window.diffuse.eval(window.frame.to_local(travel));
+    }
     let cosine = travel.dot(lobe.peak);
     if cosine > 0.0 { cosine.powf(lobe.exponent) } else { 0.0 }
 }
@@ -337,7 +340,7 @@ mod tests {
         let mut scene = facing_squares();
         // A quarter turn about x takes local −z to world −y.
         scene.meshes[1].transform = DAffine3::from_rotation_x(-0.5 * PI);
-        scene.materials[1].lobe = Some(Lobe { exponent: 1e4, peak: DVec3::NEG_Z });
+        scene.materials[1].lobe = Some(Lobe { exponent: 1e4, peak: DVec3::NEG_Z, window: None });
         let emitters = AreaEmitter::all(&scene, 64);
         // A beam: ∫ cosⁿ⁺¹θ dω = 2π/(n+2), and all of it lands on the square but
         // for the rim.

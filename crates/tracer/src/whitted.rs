@@ -81,10 +81,10 @@ impl Whitted<'_> {
         if !hit.front || material.emission == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let lobe = material.lobe.map_or(1.0, |lobe| {
+        let lobe = material.lobe.as_ref().map_or(1.0, |lobe| {
             let matrix = self.scene.meshes[hit.mesh].transform.matrix3;
             let peak = (matrix * lobe.peak).normalize_or_zero();
-            lobe_factor(Lobe { peak, ..lobe }, surface.to_eye)
+            lobe_factor(&Lobe { peak, ..lobe.clone() }, surface.to_eye)
         });
         material.emission
             * textured(self.scene, material.emission_texture, surface.uv)

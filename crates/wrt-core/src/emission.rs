@@ -3,9 +3,10 @@
 use crate::grid::{Grid, Rgb};
 use crate::{Levels, Nusselt};
 use glam::{DVec2, DVec3};
+use std::sync::Arc;
 
 /// How emitted radiance depends on direction.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Lobe {
     /// The same in every direction.
     Lambertian,
@@ -15,6 +16,15 @@ pub enum Lobe {
         exponent: f64,
         /// Unit direction of travel at the peak, in the polygon's frame.
         peak: DVec3,
+    },
+    /// A factor per direction cell, as a window lit from outside has it.
+    Table {
+        /// The level of the cells.
+        level: u8,
+        /// 4^`level` means over the cells' parts inside the UDC, κ fastest.
+        factors: Arc<[f32]>,
+        /// The unit vector (in the polygon's x̂, ŷ) that κ of the cells runs along.
+        x: DVec2,
     },
 }
 
@@ -31,6 +41,12 @@ impl Lobe {
             Self::Cosine { exponent, peak } => {
                 let cosine = travel.dot(*peak);
                 if cosine > 0.0 { cosine.powf(*exponent) } else { 0.0 }
+            }
+            Self::Table { level, factors, x } => {
+                let side = 1_usize << level;
+                let cell = |mu: f64| ((0.5 * (mu + 1.0) * side as f64) as usize).min(side - 1);
+                let mu = travel.truncate();
+                f64::from(factors[cell(x.perp_dot(mu)) << level | cell(x.dot(mu))])
             }
         }
     }
@@ -72,8 +88,8 @@ impl Emission {
 
     /// Its dependence on direction.
     #[must_use]
-    pub fn lobe(&self) -> Lobe {
-        self.lobe
+    pub fn lobe(&self) -> &Lobe {
+        &self.lobe
     }
 
     /// Radiance at (u, v) for light that travels along `travel`, 0 outside the
@@ -123,9 +139,20 @@ mod tests {
         let cases =
             [(Lobe::Lambertian, std::f64::consts::PI), (normal, std::f64::consts::TAU / 3.0)];
         for (lobe, expected) in cases {
-            let grid = Emission::new(0, vec![[1.0; 3]], lobe).project(5);
+            let grid = Emission::new(0, vec![[1.0; 3]], lobe.clone()).project(5);
             let exitance = grid.irradiance()[0][0];
             assert!((exitance / expected - 1.0).abs() < 1e-3, "{lobe:?}: {exitance}");
         }
+    }
+
+    /// Light along +x of the table's axes, which are turned by a quarter.
+    #[test]
+    fn a_table_is_looked_up_in_its_own_axes() {
+        let mut factors = vec![0.0; 16];
+        factors[2 << 2 | 3] = 5.0;
+        let lobe = Lobe::Table { level: 2, factors: factors.into(), x: DVec2::Y };
+        let along = |x: f64, y: f64| lobe.eval(DVec3::new(x, y, (1.0 - x * x - y * y).sqrt()));
+        assert_eq!((along(-0.1, 0.8), along(0.8, 0.1), along(0.1, -0.8)), (5.0, 0.0, 0.0));
+        assert_eq!(lobe.eval(DVec3::new(-0.1, 0.8, -0.5)), 0.0, "behind");
     }
 }

@@ -60,7 +60,8 @@ pub use grid::{Grid, Rgb};
 pub use haar::{CHILDREN, pull, push};
 pub use index::{Cell, Levels, WaveletIndex, children};
 pub use interaction::{
-    BrdfTree, Bsdf, Interface, LobeMatrix, Patches, Phong, Ring, mirrored, phong_lobe, reflect,
+    BrdfTree, Bsdf, Interface, LobeMatrix, Patches, Phong, Ring, disc_of_square, mirrored,
+    phong_lobe, reflect, square_of_disc,
 };
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};

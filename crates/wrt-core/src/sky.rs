@@ -107,6 +107,14 @@ impl Sky {
         self.sun
     }
 
+    /// The same sky and ground without the sun's disc.
+    #[must_use]
+    pub fn without_sun(&self) -> Self {
+        // The sun's direction stays: the all-weather sky is bright around it.
+        let sun = self.sun.map(|sun| Sun { irradiance: 0.0, ..sun });
+        Self { sun, ..self.clone() }
+    }
+
     /// Radiance from the unit world direction `to`, of the sky without the sun, or of
     /// the ground.
     #[must_use]

@@ -2,7 +2,7 @@
 
 use super::BakeOptions;
 use crate::scene::{
-    Material, Scene, Texture,
+    self, Material, Scene, Texture,
     surfaces::{self, PlanarPolygon},
 };
 use anyhow::{Context as _, bail};
@@ -29,15 +29,17 @@ pub(super) fn emitters(scene: &Scene, options: &BakeOptions) -> anyhow::Result<V
             .with_context(|| format!("the emitter \"{}\"", planar.name))?;
         let mesh = &scene.meshes[planar.mesh];
         let material = &scene.materials[mesh.material];
-        let lobe = match material.lobe {
+        let lobe = match &material.lobe {
             None => Lobe::Lambertian,
+            Some(scene::Lobe { window: Some(window), .. }) => window.light_in(polygon.frame()),
             Some(lobe) => {
                 let peak = (mesh.transform.matrix3 * lobe.peak).normalize();
                 Lobe::Cosine { exponent: lobe.exponent, peak: polygon.frame().to_local(peak) }
             }
         };
-        let picture =
-            |level| Emission::new(level, picture(scene, planar, material, &polygon, level), lobe);
+        let picture = |level| {
+            Emission::new(level, picture(scene, planar, material, &polygon, level), lobe.clone())
+        };
         let emission = picture(options.emission_level);
         let fine = picture(options.emission_level + 1);
         Ok(Emitter { polygon, emission, fine })

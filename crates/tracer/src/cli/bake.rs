@@ -16,6 +16,9 @@ pub(crate) struct Bake {
     #[command(flatten)]
     pub(crate) accuracy: Accuracy,
 
+    #[command(flatten)]
+    pub(crate) weather: super::Weather,
+
     /// Store the incident radiance of each receiver too, as NAME.incident.
     #[arg(long)]
     pub(crate) incident: bool,

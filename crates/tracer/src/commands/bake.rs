@@ -15,7 +15,9 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
         // Before the work, not after it.
         bail!("{}: the folder {} does not exist", args.output.display(), folder.display());
     }
-    let scene = super::load(&args.scene)?;
+    let mut scene = super::load(&args.scene)?;
+    super::light_windows(&mut scene, &args.weather)
+        .with_context(|| format!("{}", args.scene.display()))?;
     let mut options = options(&args.accuracy);
     options.incident = args.incident;
     let baked = baked(&scene, &options, args.threads)

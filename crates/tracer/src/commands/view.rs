@@ -24,7 +24,9 @@ pub(super) struct Stage<'a> {
 impl<'a> Stage<'a> {
     /// Loads the scene and its radiance, or bakes that.
     pub(super) fn open(path: &Path, view: &'a cli::View) -> anyhow::Result<Self> {
-        let scene = super::load(path)?;
+        let mut scene = super::load(path)?;
+        super::light_windows(&mut scene, &view.weather)
+            .with_context(|| format!("{}", path.display()))?;
         let texture = match &view.wct {
             Some(path) => WctFile::read(path)
                 .map_err(anyhow::Error::from)

@@ -12,7 +12,7 @@ pub use brdf::BrdfTree;
 pub use interface::{Interface, mirrored};
 pub use operator::LobeMatrix;
 pub use phong::{Phong, phong_lobe};
-pub use tabulated::{Bsdf, Patches, Ring};
+pub use tabulated::{Bsdf, Patches, Ring, disc_of_square, square_of_disc};
 
 use crate::Levels;
 use crate::grid::{Grid, Rgb, udc_fractions};

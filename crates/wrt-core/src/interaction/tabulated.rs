@@ -133,7 +133,8 @@ impl Patches {
 }
 
 /// The point of the unit square that the concentric map takes to a point of the disc.
-fn square_of_disc(p: DVec2) -> DVec2 {
+#[must_use]
+pub fn square_of_disc(p: DVec2) -> DVec2 {
     let radius = p.length().min(1.0);
     let mut phi = p.y.atan2(p.x);
     if phi < -FRAC_PI_4 {
@@ -153,7 +154,7 @@ fn square_of_disc(p: DVec2) -> DVec2 {
 
 /// The point of the disc that the concentric map takes a point of the unit square to.
 #[must_use]
-pub(crate) fn disc_of_square(q: DVec2) -> DVec2 {
+pub fn disc_of_square(q: DVec2) -> DVec2 {
     let (a, b) = (2.0 * q.x - 1.0, 2.0 * q.y - 1.0);
     if a == 0.0 && b == 0.0 {
         return DVec2::ZERO;

@@ -187,6 +187,8 @@ pub(super) fn read(
         emission,
         emission_texture,
         lobe: None,
+        glazing: None,
+        glazing_file: None,
         transmission,
         ior,
         mirror: metallic == 1.0 && roughness == 0.0,

@@ -125,6 +125,8 @@ fn convert(
         emission: colour(mtl.emissive, emission_texture, Vec3::ZERO),
         emission_texture,
         lobe: None,
+        glazing: None,
+        glazing_file: None,
         transmission,
         // Exporters write 0 or 0.001 for "not glass".
         ior: mtl.optical_density.filter(|n| n.is_finite() && *n >= 1.0).unwrap_or(default.ior),
