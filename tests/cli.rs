@@ -74,6 +74,8 @@ fn options_out_of_range_are_usage_errors() {
         assert!(complaint.contains("must be WIDTHxHEIGHT in pixels"), "{complaint}");
     }
     render("--samples=0");
+    render("--spp=64");
+    fail(2, &["render", "a.gltf", "-o", "a.png", "--reference", "--error", "2"]);
     let bake = |options: &[&str]| fail(2, &[&["bake", "a.gltf", "-o", "a.wct"], options].concat());
     bake(&["--level", "8"]);
     bake(&["--compress", "1"]);
@@ -84,4 +86,29 @@ fn options_out_of_range_are_usage_errors() {
     assert!(complaint.contains("is no integration method"), "{complaint}");
     let complaint = bake(&["--recursion", "trapezoid2d:8"]);
     assert!(complaint.contains("an odd number a side"), "{complaint}");
+}
+
+/// A quad scene's lamp becomes a window; what cannot be weather is refused.
+#[test]
+fn weather_lights_the_windows() {
+    let folder = Folder::new();
+    let (quad, out) = (scene("quad/quad.gltf"), folder.path("quad.wct"));
+    let bake = |flags: &[&str]| [&["bake", &quad, "-o", &out, "--error", "0.02"], flags].concat();
+    let hash = |flags: &[&str]| {
+        succeed(&bake(flags));
+        let text = succeed(&["inspect", &out]);
+        text.lines().find(|line| line.contains("fnv1a64")).expect("a hash").to_owned()
+    };
+    let [own, overcast, uniform] =
+        [hash(&[]), hash(&["--sky", "overcast"]), hash(&["--sky", "uniform"])];
+    assert!(own != overcast && overcast != uniform, "{own} {overcast} {uniform}");
+    for (flags, expected) in [
+        (&["--sky", "clear"][..], "--sky clear needs --sun"),
+        (&["--sun", "20,-5"], "elevation"),
+        (&["--sky-irradiance", "5"], "--sky-irradiance needs --sky or --sun"),
+        (&["--sky", "uniform", "--sky-irradiance", "-1"], "irradiance"),
+    ] {
+        let complaint = fail(1, &bake(flags));
+        assert!(complaint.contains(expected), "{flags:?}: {complaint}");
+    }
 }

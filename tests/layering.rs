@@ -10,7 +10,10 @@ const WRT_CORE: &[&str] = &[
     "error",
     "index",
     "haar",
+    "multiwavelet",
+    "sobol",
     "nusselt",
+    "hemisphere",
     "convex",
     "chart",
     "polygon",
@@ -23,6 +26,8 @@ const WRT_CORE: &[&str] = &[
     "sky",
     "glazing",
     "gather",
+    "beams",
+    "legendre",
     "sampler",
     "metrics",
     "wct_file",
@@ -31,6 +36,7 @@ const WRT_CORE: &[&str] = &[
 /// Bottom to top: the scene, what rays find in it, what a pixel is, what is baked,
 /// what is typed, and what acts on it.
 const TRACER: &[&str] = &[
+    "threads",
     "scene",
     "accel",
     "camera",
@@ -41,7 +47,9 @@ const TRACER: &[&str] = &[
     "render",
     "wct_texture",
     "plot",
+    "report",
     "bake",
+    "reference",
     "cli",
     "commands",
 ];

@@ -6,6 +6,8 @@ mod interaction;
 mod layering;
 mod paper;
 mod render;
+mod report;
+mod smooth;
 mod support;
 mod transport;
 mod wct_file;

@@ -15,8 +15,8 @@ import numpy as np
 DTYPES = {"u16": "<u2", "f32": "<f4"}
 
 
-def read(path):
-    """The patches by name, each with its sections as arrays."""
+def read(path, sections=True):
+    """The patches by name, each with its sections as arrays if asked for."""
     with open(path, "rb") as file:
         raw = file.read()
     magic, major, _, _, size, file_size, crc = struct.unpack_from("<8sHHIQQI", raw)
@@ -25,7 +25,9 @@ def read(path):
     assert zlib.crc32(raw[64:data]) == crc
     patches = {}
     for patch in json.loads(raw[64:data])["patches"]:
-        for name, s in patch["sections"].items():
+        for name, s in patch["sections"].items() if sections else ():
+            if s["codec"] != "raw":
+                sys.exit(f"{path}: {s['codec']} code; tracer convert --raw makes a file to be read here")
             at = data + s["offset"]
             array = np.frombuffer(raw[at : at + s["nbytes"]], DTYPES[s["dtype"]])
             patch[name] = array.reshape(s["shape"])

@@ -44,19 +44,31 @@ fn tiny() -> WctFile {
     };
     WctFile {
         patches: vec![floor, lamp],
+        smooth: vec![],
         generator: "test 1".to_owned(),
         input_hash: "crc32:00000000".to_owned(),
         options: [("levels".to_owned(), "1,2".to_owned())].into(),
     }
 }
 
+/// The same with the first patch quantised.
+fn tiny_coded() -> WctFile {
+    let mut file = tiny();
+    let (tree, report) = file.patches[0].tree.quantised(0.02);
+    assert!(tree.code().is_some(), "{report:?}");
+    file.patches[0].tree = tree;
+    file.patches[0].relative_error = report.relative_error;
+    file
+}
+
 #[test]
 fn a_file_comes_back_as_it_was() {
-    let file = tiny();
-    let bytes = file.to_bytes();
-    let back = WctFile::from_bytes(&bytes).expect("its own bytes");
-    assert_eq!(back, file);
-    assert_eq!(back.to_bytes(), bytes);
+    for file in [tiny(), tiny_coded()] {
+        let bytes = file.to_bytes();
+        let back = WctFile::from_bytes(&bytes).expect("its own bytes");
+        assert_eq!(back, file);
+        assert_eq!(back.to_bytes(), bytes);
+    }
 }
 
 fn golden(name: &str) -> PathBuf {
@@ -66,12 +78,14 @@ fn golden(name: &str) -> PathBuf {
 /// Guards files already written: what reads them must keep doing so.
 #[test]
 fn the_format_has_not_changed() {
-    let (path, bytes) = (golden("tiny.wct"), tiny().to_bytes());
-    if std::env::var_os("UPDATE_GOLDEN").is_some() {
-        fs::write(&path, &bytes).expect("a writable tests/golden");
+    for (name, file) in [("tiny.wct", tiny()), ("tiny_coded.wct", tiny_coded())] {
+        let (path, bytes) = (golden(name), file.to_bytes());
+        if std::env::var_os("UPDATE_GOLDEN").is_some() {
+            fs::write(&path, &bytes).expect("a writable tests/golden");
+        }
+        let golden = fs::read(&path).expect("UPDATE_GOLDEN=1 writes it");
+        assert!(bytes == golden, "the bytes differ from {}", path.display());
     }
-    let golden = fs::read(&path).expect("UPDATE_GOLDEN=1 writes it");
-    assert!(bytes == golden, "the bytes differ from {}", path.display());
 }
 
 /// Trees of any masks and coefficients, compressed or not.
@@ -90,7 +104,13 @@ fn file() -> impl Strategy<Value = WctFile> {
                 .map(|_| Some((0..levels.positions()).map(|_| [next(), 0.0, next()]).collect()));
             let tree =
                 TreeBuilder::from_grid(&Grid::from_images(levels, images.collect())).finish();
-            let (tree, report) = tree.compressed(Keep::RelativeError(error));
+            let (tree, relative_error) = if seed % 3 == 0 {
+                let (tree, report) = tree.quantised(error);
+                (tree, report.relative_error)
+            } else {
+                let (tree, report) = tree.compressed(Keep::RelativeError(error));
+                (tree, report.relative_error)
+            };
             Patch {
                 name: format!("{i}{seed:x}"),
                 polygon: PatchGeometry {
@@ -104,7 +124,7 @@ fn file() -> impl Strategy<Value = WctFile> {
                 },
                 side: Side::Outgoing,
                 tree,
-                relative_error: report.relative_error,
+                relative_error,
                 error_estimate: (seed % 2 == 0).then_some(error),
             }
         };
@@ -113,6 +133,7 @@ fn file() -> impl Strategy<Value = WctFile> {
     (patches, any::<String>(), any::<BTreeMap<String, String>>()).prop_map(
         |(patches, generator, options)| WctFile {
             patches,
+            smooth: vec![],
             generator,
             input_hash: String::new(),
             options,
@@ -193,7 +214,7 @@ proptest! {
 
 #[test]
 fn every_truncation_is_named() {
-    let bytes = tiny().to_bytes();
+    let bytes = tiny_coded().to_bytes();
     for len in 0..bytes.len() {
         let result = WctFile::from_bytes(&bytes[..len]);
         let found = len as u64;
@@ -209,17 +230,40 @@ fn every_truncation_is_named() {
 
 #[test]
 fn every_flipped_bit_is_found() {
-    let mut bytes = tiny().to_bytes();
-    for bit in 0..8 * bytes.len() {
-        bytes[bit / 8] ^= 1 << (bit % 8);
-        assert!(WctFile::from_bytes(&bytes).is_err(), "bit {bit}");
-        bytes[bit / 8] ^= 1 << (bit % 8);
+    for mut bytes in [tiny().to_bytes(), tiny_coded().to_bytes()] {
+        for bit in 0..8 * bytes.len() {
+            bytes[bit / 8] ^= 1 << (bit % 8);
+            assert!(WctFile::from_bytes(&bytes).is_err(), "bit {bit}");
+            bytes[bit / 8] ^= 1 << (bit % 8);
+        }
+    }
+}
+
+/// Damage with the checksums in order, as no accident makes it.
+#[test]
+fn every_flipped_bit_of_a_code_is_read_or_an_error() {
+    let (mut description, data) = parts(&tiny_coded().to_bytes());
+    let section = description["patches"][0]["sections"]["tree"].clone();
+    let (offset, nbytes) = (section["offset"].as_u64(), section["nbytes"].as_u64());
+    let (Some(0), Some(nbytes)) = (offset, nbytes) else { panic!("{section}") };
+    for bit in 0..8 * nbytes as usize {
+        let mut data = data.clone();
+        data[bit / 8] ^= 1 << (bit % 8);
+        let crc = crc32fast::hash(&data[..nbytes as usize]);
+        description["patches"][0]["sections"]["tree"]["crc32"] = crc.into();
+        if let Ok(file) = WctFile::from_bytes(&sealed(&description.to_string(), &data)) {
+            assert_eq!(WctFile::from_bytes(&file.to_bytes()).ok(), Some(file), "bit {bit}");
+        }
     }
 }
 
 /// What is wrong with `tiny` once the value at `pointer` is `value`.
 fn complaint(pointer: &str, value: Value) -> String {
-    let (mut description, data) = parts(&tiny().to_bytes());
+    complaint_of(&tiny(), pointer, value)
+}
+
+fn complaint_of(file: &WctFile, pointer: &str, value: Value) -> String {
+    let (mut description, data) = parts(&file.to_bytes());
     let (parent, key) = pointer.rsplit_once('/').expect("a pointer");
     description.pointer_mut(parent).expect("the tiny file has it")[key] = value;
     match WctFile::from_bytes(&sealed(&description.to_string(), &data)) {
@@ -284,6 +328,28 @@ fn what_no_writer_produces_is_named_with_its_place() {
     ];
     for (pointer, value, expected) in cases {
         let found = complaint(pointer, value);
+        assert!(found.contains(expected), "{pointer}: {found}");
+    }
+}
+
+#[test]
+fn what_no_writer_says_of_a_code_is_named_with_its_place() {
+    let of = |key: &str| format!("/patches/0/sections/tree/{key}");
+    let cases = [
+        (
+            of("codec"),
+            json!("region-legendre"),
+            "tree.codec is `region-legendre` in the description at byte 64, but this build knows only `region-haar`",
+        ),
+        (of("dtype"), json!("u16"), "tree.dtype is u16"),
+        (of("shape"), json!([1_u64 << 60]), "tree.shape is [1152921504606846976]"),
+        ("/patches/0/nodes".to_owned(), json!(1), "patches[0].nodes is 1"),
+        ("/patches/0/coefficients".to_owned(), json!(1), "patches[0].coefficients is 1"),
+        ("/patches/0/root".to_owned(), json!([0, 0, 0]), "patches[0].root is [0.0, 0.0, 0.0]"),
+        ("/patches/0/levels/direction".to_owned(), json!(3), "patch `floor` at byte"),
+    ];
+    for (pointer, value, expected) in cases {
+        let found = complaint_of(&tiny_coded(), &pointer, value);
         assert!(found.contains(expected), "{pointer}: {found}");
     }
 }

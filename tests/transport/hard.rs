@@ -1,7 +1,11 @@
 //! Geometries that break naive quadrature, each with a value from elsewhere.
+//! `scenes/hard_cases.json` holds them for `tracer transport`; with UPDATE_GOLDEN=1
+//! it is written anew.
 
 use super::reference::{CellOf, Map, Quad, by_direction, by_position};
+use crate::support::{scene, succeed};
 use glam::DVec3;
+use serde_json::{Value, json};
 use wrt_core::transport::{CellRadiance, CellRule, Exact, Support, TransportGeometry};
 
 /// Where the expected mean comes from.
@@ -63,6 +67,8 @@ impl Case {
         Self { name, source, dest, expected, ..self }
     }
 
+    /// The mean that is to be found; the reference's tolerance is 1e-9, or 3e-8 over
+    /// directions.
     fn expect(&self, guess: f64) -> f64 {
         // The guess only sets what "relative" means.
         let tolerance = 1e-9 * guess.max(1e-16);
@@ -75,6 +81,33 @@ impl Case {
                 by_direction(&self.source, &self.j, &self.dest, &self.k, 30.0 * tolerance)
             }
         }
+    }
+
+    /// As `tracer transport` reads it, with the value from elsewhere and its origin.
+    fn to_json(&self, expected: f64) -> Value {
+        let quad = |quad: &Quad| {
+            let map = match quad.map {
+                Map::Rect => "rect",
+                Map::Perspective => "perspective",
+                Map::Bilinear => "bilinear",
+            };
+            json!({ "verts": quad.verts.map(|v| v.to_array()), "map": map })
+        };
+        let origin = match self.expected {
+            Expected::Value(_) => "closed form, or the same cell elsewhere",
+            Expected::Position => "Lambert's formula, integrated over positions",
+            Expected::Direction => "projected outlines, integrated over directions",
+        };
+        json!({
+            "name": self.name,
+            "source": quad(&self.source),
+            "dest": quad(&self.dest),
+            "emission": { "type": "cell", "level": self.j.level, "m": self.j.m },
+            "dest_level": self.k.level,
+            "k": [self.k.m],
+            "expected": expected,
+            "expected_from": origin,
+        })
     }
 
     fn found(&self) -> CellRadiance {
@@ -319,4 +352,53 @@ fn hard_case_table() {
         }
     }
     assert!(bad.is_empty(), "{bad:?}");
+}
+
+/// What the file holds is these cases, each with what the reference says.
+#[test]
+fn the_file_of_hard_cases_is_these() {
+    use rayon::prelude::*;
+    let path = scene("hard_cases.json");
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
+        // A line a case.
+        let line = |case: &Case| case.to_json(case.expect(case.found().mean)).to_string();
+        let lines: Vec<String> = cases().par_iter().map(line).collect();
+        let text = format!("{{\"cases\": [\n{}\n]}}\n", lines.join(",\n"));
+        std::fs::write(&path, text).expect("a writable file");
+    }
+    let text = std::fs::read_to_string(&path).expect("scenes/hard_cases.json");
+    let file: Value = serde_json::from_str(&text).expect("JSON");
+    let there: Vec<Value> = file["cases"].as_array().expect("cases").clone();
+    let here: Vec<Value> = cases()
+        .iter()
+        .zip(&there)
+        .map(|(case, there)| case.to_json(there["expected"].as_f64().expect("a number")))
+        .collect();
+    assert_eq!(here, there, "run with UPDATE_GOLDEN=1 after a change of the cases");
+    assert_eq!(cases().len(), there.len());
+}
+
+/// The program, asked for more and more digits, reaches them or says that it did not.
+#[test]
+fn the_program_reaches_the_hard_cases_or_says_so() {
+    let path = scene("hard_cases.json");
+    let text = std::fs::read_to_string(&path).expect("scenes/hard_cases.json");
+    let file: Value = serde_json::from_str(&text).expect("JSON");
+    let expected = file["cases"].as_array().expect("cases");
+    for tolerance in ["1e-3", "1e-6", "1e-9"] {
+        let out = succeed(&["transport", &path, "--tolerance", tolerance]);
+        let out: Value = serde_json::from_str(&out).expect("JSON");
+        for (found, expected) in out["cases"].as_array().expect("cases").iter().zip(expected) {
+            let name = &expected["name"];
+            assert_eq!(&found["name"], name);
+            let cell = &found["cells"][0];
+            let estimate = cell["rel_err_est"].as_f64().expect("an estimate");
+            let found = cell["rgb"][0].as_f64().expect("a number");
+            let expected = expected["expected"].as_f64().expect("a number");
+            let error = if expected == 0.0 { found } else { (found / expected - 1.0).abs() };
+            // The reference's own: 1e-9 asked of it, and areas of slivers.
+            assert!(error <= estimate + 1e-7, "{name} at {tolerance}: {error:e} {estimate:e}");
+            assert!(estimate < 1e-6_f64.max(2.0 * tolerance.parse::<f64>().expect("a number")));
+        }
+    }
 }

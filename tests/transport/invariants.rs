@@ -14,8 +14,18 @@ const WHOLE: Support =
 
 /// The mean over `dest` of radiance 1 from `source`, and the error of that.
 fn mean(source: &Polygon, dest: &Polygon, j: Support, k: Support) -> (f64, f64) {
+    mean_within(1e-9, source, dest, j, k)
+}
+
+fn mean_within(
+    tolerance: f64,
+    source: &Polygon,
+    dest: &Polygon,
+    j: Support,
+    k: Support,
+) -> (f64, f64) {
     let geometry = TransportGeometry::new(source.clone(), dest.clone());
-    let cell = exact(1e-9).radiance(&geometry, j, k);
+    let cell = exact(tolerance).radiance(&geometry, j, k);
     (cell.mean, cell.error)
 }
 
@@ -87,6 +97,21 @@ proptest! {
         prop_assert!((parts - whole).abs() <= slack, "source: {parts} {whole} {slack:e}");
     }
 
+    /// A loose tolerance may stop early, but says no less than what it left.
+    #[test]
+    fn estimates_hold_at_any_tolerance(
+        source in polygon(), dest in polygon(), j in support(), k in support(),
+        digits in 1.0..9.0f64,
+    ) {
+        let (best, error) = mean_within(1e-11, &source, &dest, j, k);
+        let tolerance = 10.0_f64.powf(-digits);
+        let (found, estimate) = mean_within(tolerance, &source, &dest, j, k);
+        prop_assert!(
+            (found - best).abs() <= estimate + error,
+            "{tolerance:e}: {found} {best}, {estimate:e} claimed"
+        );
+    }
+
     /// Flux is one number at both ends, ∬ cosθ dω dA of the rays between two cells.
     /// In (u, v, κ, λ) that is 4 W H 16^−l_k × mean, where the dest's chart has the
     /// constant Jacobian W H. Turned round, a ray's direction towards its source is
@@ -140,6 +165,38 @@ proptest! {
         let (after, f) = mean(&s, &d, j, k);
         // Vertices have moved by rounding, too.
         prop_assert!((before - after).abs() <= e + f + 1e-11, "{before} {after}");
+    }
+}
+
+/// Σ_k T_jk = A_s / A_d for a cell j whose rays all land, k over all cells of its
+/// level: what leaves arrives, once. To the error estimates, and these to 10⁻¹⁰.
+#[test]
+fn all_that_leaves_a_cell_arrives() {
+    let dest = Polygon::rectangle(DVec3::ZERO, 2.0 * DVec3::X, 3.0 * DVec3::Y).expect("a square");
+    let above = |height, tilt| {
+        let turn = DQuat::from_rotation_x(tilt) * DQuat::from_rotation_z(0.3);
+        let at = DVec3::new(0.8, 1.3, height);
+        Polygon::rectangle(at, turn * (0.5 * DVec3::Y), turn * (0.4 * DVec3::X)).expect("a square")
+    };
+    for (source, j) in [
+        (above(0.3, 0.0), Support::isotropic(2, [0, 1, 1, 1])),
+        (above(0.3, 0.2), Support::isotropic(2, [3, 0, 1, 2])),
+        (above(0.2, -0.4), Support::isotropic(2, [1, 2, 2, 2])),
+    ] {
+        let geometry = TransportGeometry::new(source, dest.clone());
+        let level = j.levels.position;
+        let (mut sum, mut slack) = (0.0, 0.0);
+        for i in 0..1_u32 << (4 * level) {
+            let m = [0, 1, 2, 3].map(|d| (i >> (d * level) & ((1 << level) - 1)) as u16);
+            let cell = exact(1e-12).radiance(&geometry, j, Support::isotropic(level, m));
+            sum += cell.mean;
+            slack += cell.error;
+        }
+        let expected = geometry.source().area() / dest.area();
+        let [low, high] = j.cosines().map(|c| (0.5 * (c + 1.0)).to_array());
+        let expected = expected * wrt_core::udc_fraction(low, high);
+        assert!((sum - expected).abs() <= slack + 1e-14, "{sum} {expected} {slack:e}");
+        assert!(slack <= 1e-10 * expected, "{slack:e} of {expected}");
     }
 }
 

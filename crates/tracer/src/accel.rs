@@ -8,7 +8,7 @@
 //! centred on the scene and scaled by a power of two first, so that the padding
 //! and obvhs's own absolute epsilon mean the same for every scene.
 
-use crate::scene::Scene;
+use crate::scene::{Cutout, Scene};
 use glam::{DVec3, Vec3A};
 use obvhs::{
     BvhBuildParams,
@@ -53,6 +53,8 @@ pub(crate) struct Hit {
     pub(crate) normal: DVec3,
     /// Whether the ray came from the front, where vertices run counter-clockwise.
     pub(crate) front: bool,
+    /// Which part of what is behind it is hidden; never 0.
+    pub(crate) opacity: f32,
 }
 
 /// A triangle in the scaled frame.
@@ -63,6 +65,8 @@ struct Triangle {
     index: u32,
     /// What a shadow ray keeps in passing: 0 for opaque.
     transmission: f32,
+    /// Whether its mesh has a [`Cutout`].
+    cut: bool,
 }
 
 /// All triangles of a scene, ready for rays.
@@ -71,6 +75,8 @@ pub(crate) struct Accel {
     bvh: CwBvh,
     /// In the order of the hierarchy's leaves.
     triangles: Vec<Triangle>,
+    /// One a mesh, where it is not opaque.
+    cutouts: Vec<Option<Cutout>>,
     /// World position of the scaled frame's origin.
     centre: DVec3,
     /// Scaled units per metre, a power of two.
@@ -92,6 +98,7 @@ impl Accel {
     pub(crate) fn new(scene: &Scene) -> Self {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let mut triangles = Vec::new();
+        let cutouts: Vec<_> = scene.meshes.iter().map(|mesh| Cutout::of(scene, mesh)).collect();
         for (m, mesh) in scene.meshes.iter().enumerate() {
             let transmission = scene.materials[mesh.material].transmission.clamp(0.0, 1.0);
             for (i, corners) in mesh.triangles.iter().enumerate() {
@@ -108,6 +115,7 @@ impl Accel {
                     mesh: index(m),
                     index: index(i),
                     transmission,
+                    cut: cutouts[m].is_some(),
                 });
             }
         }
@@ -115,6 +123,7 @@ impl Accel {
             return Self {
                 bvh: CwBvh::default(),
                 triangles,
+                cutouts,
                 centre: DVec3::ZERO,
                 scale: 1.0,
                 half_sides: DVec3::ZERO,
@@ -138,6 +147,7 @@ impl Accel {
         Self {
             bvh,
             triangles,
+            cutouts,
             centre,
             scale,
             half_sides: half_sides * scale + f64::from(PADDING),
@@ -145,9 +155,9 @@ impl Accel {
         }
     }
 
-    /// The first triangle along the unit `direction` with `tmin < t < tmax`. Of
-    /// triangles at the same distance, as on a shared edge, the first in the
-    /// scene's order.
+    /// The first triangle along the unit `direction` with `tmin < t < tmax` that is
+    /// not clear there. Of triangles at the same distance, as on a shared edge, the
+    /// first in the scene's order.
     pub(crate) fn closest(
         &self,
         origin: DVec3,
@@ -166,13 +176,16 @@ impl Accel {
                 return f32::INFINITY;
             };
             let order = |i: usize| (self.triangles[i].mesh, self.triangles[i].index);
-            if best.is_some_and(|(b, nearest)| nearest.t == meeting.t && order(b) < order(i)) {
+            if best.is_some_and(|(b, nearest)| nearest.t == meeting.t && order(b) < order(i))
+                || self.opacity(triangle, &meeting) == 0.0
+            {
                 return f32::INFINITY;
             }
             (best, tmax) = (Some((i, meeting)), meeting.t);
             ((meeting.t - ray.skipped) as f32).next_up()
         });
-        let (i, Meeting { t, barycentric: (u, v) }) = best?;
+        let (i, meeting) = best?;
+        let Meeting { t, barycentric: (u, v) } = meeting;
         let triangle = &self.triangles[i];
         let p = triangle.vertices.map(DVec3::from_array);
         let normal = normal_of(p);
@@ -184,7 +197,16 @@ impl Accel {
             position: (p[0] + u * (p[1] - p[0]) + v * (p[2] - p[0])) / self.scale + self.centre,
             normal,
             front: normal.dot(direction) < 0.0,
+            opacity: self.opacity(triangle, &meeting),
         })
+    }
+
+    fn opacity(&self, triangle: &Triangle, meeting: &Meeting) -> f32 {
+        if !triangle.cut {
+            return 1.0;
+        }
+        let cutout = self.cutouts[triangle.mesh as usize].as_ref();
+        cutout.map_or(1.0, |cutout| cutout.opacity(triangle.index, meeting.barycentric))
     }
 
     /// Whether anything opaque is between two points.
@@ -212,8 +234,9 @@ impl Accel {
         let mut visibility = 1.0;
         self.bvh.ray_traverse_miss(segment, |_, i| {
             let triangle = &self.triangles[i];
-            if ray.meets(triangle).is_some() {
-                visibility *= triangle.transmission;
+            if let Some(meeting) = ray.meets(triangle) {
+                let opacity = self.opacity(triangle, &meeting);
+                visibility *= 1.0 - opacity * (1.0 - triangle.transmission);
             }
             // Any distance inside the segment ends the search.
             if visibility == 0.0 { 0.0 } else { f32::INFINITY }

@@ -3,28 +3,36 @@
 mod check;
 mod emitters;
 mod receivers;
+mod smooth;
+#[cfg(test)]
+mod weather_tests;
 
 use crate::scene::Scene;
 use check::{Checked, check};
+pub(crate) use emitters::emissions;
 use emitters::{Emitter, emitters};
 use glam::DVec3;
-use receivers::receivers;
+use rayon::prelude::*;
+pub(crate) use receivers::{Receiver, receivers};
 use std::{
     collections::BTreeMap,
     time::{Duration, Instant},
 };
 use wrt_core::transport::{
     BlockOptions, Method, RecursionOptions, TransportGeometry, transport_block, transport_tree,
+    transport_within,
 };
 use wrt_core::wct_file::{ChartKind, Side};
 use wrt_core::{
-    Compression, Emission, Grid, Keep, Levels, Lobe, LobeMatrix, Patch, PatchGeometry, Polygon,
-    Sampler, TreeBuilder, reflect,
+    Emission, Grid, Keep, Levels, Lobe, LobeMatrix, Patch, PatchGeometry, Polygon, Sampler,
+    SmoothPatch, Tree, TreeBuilder, reflect,
 };
 
 /// How to bake.
 #[derive(Clone, Debug)]
 pub(crate) struct BakeOptions {
+    /// The error asked of the reflected radiance in a smooth basis; `None` for Haar.
+    pub(crate) smooth: Option<f64>,
     /// Levels of the incident and of the reflected radiance.
     pub(crate) levels: Levels,
     /// Level of the emitters' pictures.
@@ -33,6 +41,9 @@ pub(crate) struct BakeOptions {
     pub(crate) transport: Transport,
     /// What thresholding keeps.
     pub(crate) keep: Keep,
+    /// Whether a relative error to be kept is spent on quantisation, for the least
+    /// bytes, rather than on thresholding, for the fewest coefficients.
+    pub(crate) quantise: bool,
     /// Whether the incident radiance goes into the file as well.
     pub(crate) incident: bool,
     /// Points per patch at which the result is checked; 0 for no check.
@@ -42,7 +53,9 @@ pub(crate) struct BakeOptions {
 /// How the transport is integrated.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Transport {
-    /// Whole blocks by area-exact resampling.
+    /// Whole blocks by area-exact resampling, to this relative L² error.
+    Within(f64),
+    /// The same with a fixed number of samples.
     Block(BlockOptions),
     /// The paper's recursion, each coefficient by this rule.
     Recursion(Method),
@@ -75,20 +88,25 @@ impl Stage {
 }
 
 /// What a bake made, and what it cost.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Baked {
     pub(crate) patches: Vec<Patch>,
+    pub(crate) smooth: Vec<SmoothPatch>,
     /// Of the reflected radiance, summed over the patches.
     pub(crate) before: usize,
     pub(crate) after: usize,
-    /// Coefficients that the full basis would have.
+    /// Coefficients that the full basis would have; 0 for a smooth one, which has no
+    /// end.
     pub(crate) full: usize,
-    /// ‖dropped‖ / ‖L‖ over all patches.
+    /// ‖left out‖ / ‖L‖ over all patches.
     pub(crate) dropped: f64,
     /// Relative RMS error of the reflected radiance as it will be looked up,
     /// against direct quadrature at random points and directions; `None` if
     /// unchecked or dark.
     pub(crate) error: Option<f64>,
+    /// Relative L² error of the incident radiance over all patches, as transport
+    /// estimates it; `None` if it does not, or all is dark.
+    pub(crate) transport_error: Option<f64>,
     /// Wall time per stage.
     pub(crate) times: [Duration; Stage::ALL.len()],
     /// Hash of the polygons, pictures and materials that went in.
@@ -107,47 +125,32 @@ pub(crate) fn bake(
     options: &BakeOptions,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> anyhow::Result<Baked> {
+    if let Some(error) = options.smooth {
+        return smooth::bake(scene, options, error, progress);
+    }
     let mut clock = Clock::default();
     let mut warnings = Vec::new();
     let (emitters, receivers) = clock.time(Stage::Project, || {
         anyhow::Ok((emitters(scene, options)?, receivers(scene, &mut warnings)?))
     })?;
     let mut hash = Hash::default();
-    for emitter in &emitters {
-        hash.points(&emitter.polygon.vertices());
-        hash.add(emitter.fine.picture().iter().flatten().flat_map(|x| x.to_le_bytes()));
-        match emitter.emission.lobe() {
-            Lobe::Lambertian => {}
-            Lobe::Cosine { exponent, peak } => hash.points(&[*peak, DVec3::splat(*exponent)]),
-            Lobe::Table { factors, x, .. } => {
-                hash.points(&[x.extend(0.0)]);
-                hash.add(factors.iter().flat_map(|f| f.to_le_bytes()));
-            }
-        }
-    }
+    emitters.iter().for_each(|emitter| hash.emitter(emitter));
     let direct: Vec<(Polygon, Emission)> =
         emitters.iter().map(|e| (e.polygon.clone(), e.fine.clone())).collect();
     let mut lobes: BTreeMap<u64, LobeMatrix> = BTreeMap::new();
-    let mut baked = Baked {
-        patches: Vec::new(),
-        before: 0,
-        after: 0,
-        full: 0,
-        dropped: 0.0,
-        error: None,
-        times: [Duration::ZERO; Stage::ALL.len()],
-        input_hash: 0,
-        warnings,
-    };
+    let mut baked = Baked { warnings, ..Baked::default() };
     let (mut energy, mut lost) = (0.0, 0.0);
+    let (mut arrived, mut off) = (0.0, Some(0.0));
     let mut checked = Checked::default();
+    // Of each of as many as are compressed at once: transported, reflected.
+    let mut waiting: Vec<(&Receiver, Side, Grid)> = Vec::new();
     progress(0, receivers.len());
     for (i, receiver) in receivers.iter().enumerate() {
-        hash.points(&receiver.polygon.vertices());
-        hash.points(&[receiver.phong.kd.into(), receiver.phong.ks.into()]);
-        hash.points(&[DVec3::splat(receiver.phong.exponent)]);
-        let incident =
+        hash.receiver(receiver);
+        let (incident, error) =
             clock.time(Stage::Transport, || transport(&emitters, &receiver.polygon, options));
+        arrived += incident.norm_squared();
+        off = off.zip(error).map(|(off, error)| off + error * error);
         let outgoing = clock.time(Stage::Reflect, || {
             let direction = options.levels.direction;
             let lobe = receiver.phong.is_glossy().then(|| {
@@ -157,71 +160,119 @@ pub(crate) fn bake(
             });
             reflect(&incident, &receiver.phong, lobe)
         });
-        let mut add = |grid: &Grid, side, name: String| -> Compression {
-            let full = TreeBuilder::from_grid(grid).finish();
-            let (tree, compression) = full.compressed(options.keep);
-            if side == Side::Outgoing {
-                baked.before += compression.before;
-                baked.after += compression.after;
-                baked.full += options.levels.positions() * options.levels.directions();
-                let norm = full.norm_squared();
-                energy += norm;
-                lost += norm * compression.relative_error.powi(2);
-            }
-            let vertices = receiver.planar.vertices.iter().map(|v| v.to_array()).collect();
-            baked.patches.push(Patch {
-                name,
-                polygon: PatchGeometry { vertices, chart: ChartKind::Rectilinear },
-                side,
-                tree,
-                relative_error: compression.relative_error,
-                error_estimate: None,
+        if options.incident {
+            waiting.push((receiver, Side::Incident, incident));
+        }
+        waiting.push((receiver, Side::Outgoing, outgoing));
+        if waiting.len() >= rayon::current_num_threads() || i + 1 == receivers.len() {
+            let compressed: Vec<_> = clock.time(Stage::Compress, || {
+                waiting.par_iter().map(|(_, _, grid)| compress(grid, options)).collect()
             });
-            compression
-        };
-        clock.time(Stage::Compress, || {
-            let name = &receiver.planar.name;
-            if options.incident {
-                add(&incident, Side::Incident, format!("{name}.incident"));
+            for ((receiver, side, _), (tree, compression)) in waiting.drain(..).zip(compressed) {
+                if side == Side::Outgoing {
+                    baked.before += compression.before;
+                    baked.after += compression.after;
+                    baked.full += options.levels.positions() * options.levels.directions();
+                    let norm = compression.norm_squared;
+                    energy += norm;
+                    lost += norm * compression.relative_error.powi(2);
+                }
+                let error_estimate = if side == Side::Outgoing && options.checks > 0 {
+                    clock.time(Stage::Check, || {
+                        let sampler = Sampler::new(&tree);
+                        let look_up = |q: [f64; 4], _| sampler.multilinear(q);
+                        let own = check(receiver, &direct, &look_up, options.checks);
+                        checked.add(&own);
+                        own.relative()
+                    })
+                } else {
+                    None
+                };
+                let name = &receiver.planar.name;
+                let vertices = receiver.planar.vertices.iter().map(|v| v.to_array()).collect();
+                baked.patches.push(Patch {
+                    name: match side {
+                        Side::Incident => format!("{name}.incident"),
+                        Side::Outgoing => name.clone(),
+                    },
+                    polygon: PatchGeometry { vertices, chart: ChartKind::Rectilinear },
+                    side,
+                    tree,
+                    relative_error: compression.relative_error,
+                    error_estimate,
+                });
             }
-            add(&outgoing, Side::Outgoing, name.clone());
-        });
-        if options.checks > 0 {
-            clock.time(Stage::Check, || {
-                let Some(patch) = baked.patches.last_mut() else { return };
-                let sampler = Sampler::new(&patch.tree);
-                let own = check(receiver, &direct, &sampler, options.checks);
-                patch.error_estimate = own.relative();
-                checked.add(&own);
-            });
         }
         progress(i + 1, receivers.len());
     }
     baked.dropped = if energy > 0.0 { (lost / energy).sqrt() } else { 0.0 };
     baked.error = checked.relative();
+    baked.transport_error = off.filter(|_| arrived > 0.0).map(|off| (off / arrived).sqrt());
     baked.times = clock.times;
     baked.input_hash = hash.0;
     Ok(baked)
 }
 
-/// Incident radiance of all emitters on one receiver.
-fn transport(emitters: &[Emitter], receiver: &Polygon, options: &BakeOptions) -> Grid {
-    let levels = options.levels;
-    let grids = emitters.iter().map(|emitter| {
-        let geometry = TransportGeometry::new(emitter.polygon.clone(), receiver.clone());
-        match &options.transport {
-            Transport::Block(block) => {
-                transport_block(&geometry, &emitter.emission, levels, *block)
-            }
-            Transport::Recursion(method) => {
-                let source = emitter.emission.project(levels.direction);
-                let tree = TreeBuilder::from_grid(&source).finish();
-                let recursion = RecursionOptions { integrator: method, oracle: true };
-                transport_tree(&geometry, &tree, levels, &recursion).0.finish().to_grid()
-            }
+/// What compressing one patch did.
+struct Compressed {
+    before: usize,
+    after: usize,
+    norm_squared: f64,
+    relative_error: f64,
+}
+
+fn compress(grid: &Grid, options: &BakeOptions) -> (Tree, Compressed) {
+    let full = TreeBuilder::from_grid(grid).finish();
+    let (tree, relative_error) = match options.keep {
+        Keep::RelativeError(error) if options.quantise => {
+            let (tree, quantisation) = full.quantised(error);
+            (tree, quantisation.relative_error)
         }
-    });
-    Grid::sum(levels, grids)
+        keep => {
+            let (tree, compression) = full.compressed(keep);
+            (tree, compression.relative_error)
+        }
+    };
+    let (before, after) = (full.len(), tree.len());
+    let norm_squared = full.norm_squared();
+    (tree, Compressed { before, after, norm_squared, relative_error })
+}
+
+/// Incident radiance of all emitters on one receiver, and the estimated norm of its
+/// error: no more than the sum of those of the emitters.
+fn transport(
+    emitters: &[Emitter],
+    receiver: &Polygon,
+    options: &BakeOptions,
+) -> (Grid, Option<f64>) {
+    let levels = options.levels;
+    let mut error = Some(0.0);
+    let grids: Vec<Grid> = emitters
+        .iter()
+        .map(|emitter| {
+            let geometry = TransportGeometry::new(emitter.polygon.clone(), receiver.clone());
+            match &options.transport {
+                Transport::Within(tolerance) => {
+                    let found = transport_within(&geometry, &emitter.emission, levels, *tolerance);
+                    let norm = found.grid.norm_squared().sqrt();
+                    error = error.map(|error| error + found.relative_error * norm);
+                    found.grid
+                }
+                Transport::Block(block) => {
+                    error = None;
+                    transport_block(&geometry, &emitter.emission, levels, *block)
+                }
+                Transport::Recursion(method) => {
+                    error = None;
+                    let source = emitter.emission.project(levels.direction);
+                    let tree = TreeBuilder::from_grid(&source).finish();
+                    let recursion = RecursionOptions { integrator: method, oracle: true };
+                    transport_tree(&geometry, &tree, levels, &recursion).0.finish().to_grid()
+                }
+            }
+        })
+        .collect();
+    (Grid::sum(levels, grids), error)
 }
 
 /// Wall time by stage.
@@ -253,6 +304,26 @@ impl Hash {
         for byte in bytes {
             self.0 = (self.0 ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3);
         }
+    }
+
+    fn emitter(&mut self, emitter: &Emitter) {
+        self.points(&emitter.polygon.vertices());
+        self.add(emitter.fine.picture().iter().flatten().flat_map(|x| x.to_le_bytes()));
+        match emitter.emission.lobe() {
+            Lobe::Lambertian => {}
+            Lobe::Cosine { exponent, peak } => self.points(&[*peak, DVec3::splat(*exponent)]),
+            Lobe::Table { factors, x, .. } => {
+                self.points(&[x.extend(0.0)]);
+                self.add(factors.iter().flat_map(|f| f.to_le_bytes()));
+            }
+            Lobe::Disc { axis, radius } => self.points(&[*axis, DVec3::splat(*radius)]),
+        }
+    }
+
+    fn receiver(&mut self, receiver: &Receiver) {
+        self.points(&receiver.polygon.vertices());
+        self.points(&[receiver.phong.kd.into(), receiver.phong.ks.into()]);
+        self.points(&[DVec3::splat(receiver.phong.exponent)]);
     }
 
     fn points(&mut self, points: &[DVec3]) {

@@ -1,15 +1,17 @@
 //! The command line: what may be typed, and nothing that acts on it.
 
 mod bake;
+mod convert;
 mod inspect;
 mod report;
 mod transport;
 mod view;
 mod weather;
 
-pub(crate) use bake::{Accuracy, Bake};
+pub(crate) use bake::{Accuracy, Bake, Basis};
+pub(crate) use convert::Convert;
 pub(crate) use inspect::Inspect;
-pub(crate) use report::{Integrators, Report};
+pub(crate) use report::{Everything, Integrators, Oracle, Rays, Report, ReportPart};
 pub(crate) use transport::Transport;
 pub(crate) use view::{Fly, Render, Tone, View};
 pub(crate) use weather::Weather;
@@ -38,10 +40,11 @@ pub(crate) enum Command {
     Fly(Fly),
     /// Show what a .wct file holds, as a table, as JSON or as pictures.
     Inspect(Inspect),
+    /// Store a .wct file's radiance another way: smaller, or for other programs.
+    Convert(Convert),
     /// Compute single cells of transported radiance, with their error estimates.
     Transport(Transport),
-    /// Measure the program itself.
-    #[command(subcommand)]
+    /// Measure this build on this machine: speed against error, for every part.
     Report(Report),
 }
 

@@ -1,20 +1,18 @@
 //! Linear pixels, and the files they become: OpenEXR as they are, PNG through
 //! exposure, tone curve and sRGB.
 
+mod layers;
+
+pub(crate) use layers::{Layers, Metadata};
+
 use anyhow::{Context as _, bail};
-use exr::prelude::{
-    Encoding, Image, Layer, LayerAttributes, SpecificChannels, Text, WritableImage,
-};
 use glam::{Mat3, Vec3};
 use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
-use std::{
-    io::Cursor,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 use wrt_core::wct_file::write_aside;
 
 /// A picture in linear Rec. 709 radiance, rows from the top.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Film {
     pub(crate) width: usize,
     pub(crate) height: usize,
@@ -81,9 +79,24 @@ impl Film {
     ///
     /// An unknown extension, a missing folder, or a write that fails.
     pub(crate) fn save(&self, path: &Path, display: Display) -> anyhow::Result<()> {
+        self.save_with(path, display, None, None)
+    }
+
+    /// [`save`](Self::save), an OpenEXR file with layers and how it was made.
+    ///
+    /// # Errors
+    ///
+    /// As [`save`](Self::save).
+    pub(crate) fn save_with(
+        &self,
+        path: &Path,
+        display: Display,
+        layers: Option<&Layers>,
+        metadata: Option<&Metadata>,
+    ) -> anyhow::Result<()> {
         let bytes = match Format::of(path)? {
             Format::Png => self.png(display),
-            Format::Exr => self.exr(),
+            Format::Exr => self.exr(layers, metadata),
         };
         bytes
             .and_then(|bytes| Ok(write_aside(path, &bytes)?))
@@ -97,29 +110,6 @@ impl Film {
         let mut file = Vec::new();
         PngEncoder::new(&mut file).write_image(&bytes, width, height, ExtendedColorType::Rgb8)?;
         Ok(file)
-    }
-
-    fn exr(&self) -> anyhow::Result<Vec<u8>> {
-        let pixel = |at: exr::math::Vec2<usize>| {
-            let [r, g, b] = self.pixels[at.y() * self.width + at.x()].to_array();
-            (r, g, b)
-        };
-        let software = concat!("tracer ", env!("CARGO_PKG_VERSION"));
-        let attributes = LayerAttributes {
-            software_name: Some(Text::from(software)),
-            comments: Some(Text::from("radiance in W m^-2 sr^-1, linear Rec. 709")),
-            ..LayerAttributes::default()
-        };
-        let layer = Layer::new(
-            (self.width, self.height),
-            attributes,
-            Encoding::SMALL_LOSSLESS,
-            SpecificChannels::rgb(pixel),
-        );
-        let mut file = Cursor::new(Vec::new());
-        // One thread: several write their blocks in the order they finish.
-        Image::from_layer(layer).write().non_parallel().to_buffered(&mut file)?;
-        Ok(file.into_inner())
     }
 }
 

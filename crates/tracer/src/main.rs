@@ -9,8 +9,11 @@ mod emitters;
 mod film;
 mod phong;
 mod plot;
+mod reference;
 mod render;
+mod report;
 mod scene;
+mod threads;
 mod wct_texture;
 mod whitted;
 
@@ -33,9 +36,19 @@ fn run(args: &cli::Args) -> anyhow::Result<()> {
         cli::Command::Bake(args) => commands::bake::run(args),
         cli::Command::Render(args) => commands::render::run(args),
         cli::Command::Fly(args) => commands::fly::run(args),
+        cli::Command::Convert(args) => commands::convert::run(args),
         cli::Command::Inspect(args) => commands::inspect::run(args),
         cli::Command::Report(report) => match report {
-            cli::Report::Integrators(args) => commands::report_integrators::run(args),
+            cli::Report { part: Some(cli::ReportPart::Integrators(args)), .. } => {
+                commands::report_integrators::run(args)
+            }
+            cli::Report { part: Some(cli::ReportPart::Oracle(args)), .. } => {
+                commands::report_oracle::run(args)
+            }
+            cli::Report { part: None, all } => commands::report::run(all),
+            cli::Report { part: Some(cli::ReportPart::Rays(args)), .. } => {
+                commands::report_rays::run(args)
+            }
         },
         cli::Command::Transport(args) => commands::transport::run(args),
     }

@@ -1,11 +1,12 @@
 //! Phong reflection and local illumination: what a surface does with light that
 //! comes straight from a punctual light or from the ambient term.
 
-use crate::{
-    accel::{Accel, Hit},
-    scene::{LightKind, Material, PunctualLight, Scene, Texture},
-};
-use glam::{DVec3, Vec2, Vec3};
+mod surface;
+
+pub(crate) use surface::Surface;
+
+use crate::scene::{LightKind, PunctualLight};
+use glam::{DVec3, Vec3};
 use std::f64::consts::FRAC_1_PI;
 
 /// [`wrt_core::Phong`] in single precision, about a normal in the world.
@@ -33,99 +34,6 @@ impl Phong {
     }
 }
 
-/// A point of a surface as seen along one ray, with its textures looked up.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Surface<'a> {
-    pub(crate) material: &'a Material,
-    pub(crate) position: DVec3,
-    /// Unit, of the triangle, on the side that the ray came from.
-    pub(crate) geometric: DVec3,
-    /// Unit, interpolated, turned to the side that the ray came from.
-    pub(crate) normal: DVec3,
-    /// Whether the ray came from the front.
-    pub(crate) front: bool,
-    /// Unit, back along the ray.
-    pub(crate) to_eye: DVec3,
-    pub(crate) uv: Vec2,
-    /// What reflects locally: the specular part of a mirror and the part of
-    /// glass that lets light pass are left out.
-    pub(crate) brdf: Phong,
-    /// k_d with its texture, before glass takes its part.
-    pub(crate) colour: Vec3,
-}
-
-impl<'a> Surface<'a> {
-    /// The surface at `hit`, seen from `to_eye`. The back of a surface is shaded
-    /// like its front.
-    pub(crate) fn new(scene: &'a Scene, hit: &Hit, to_eye: DVec3) -> Self {
-        let mesh = &scene.meshes[hit.mesh];
-        let material = &scene.materials[mesh.material];
-        let corners = mesh.triangles[hit.triangle as usize].map(|corner| corner as usize);
-        let (v, w) = hit.barycentric;
-        let weights = [1.0 - v - w, v, w];
-        let side = if hit.front { 1.0 } else { -1.0 };
-        let normal = if mesh.normals.is_empty() {
-            hit.normal
-        } else {
-            let sum: DVec3 = (0..3).map(|k| weights[k] * mesh.normals[corners[k]].as_dvec3()).sum();
-            sum.try_normalize().unwrap_or(hit.normal)
-        };
-        // A file's normals may disagree with its winding; the winding decides.
-        let normal = if normal.dot(hit.normal) < 0.0 { -normal } else { normal };
-        let uv = if mesh.uvs.is_empty() {
-            Vec2::ZERO
-        } else {
-            (0..3).map(|k| weights[k] as f32 * mesh.uvs[corners[k]]).sum()
-        };
-        let colour = material.kd * textured(scene, material.base_texture, uv);
-        let opacity = 1.0 - material.transmission.clamp(0.0, 1.0);
-        Self {
-            material,
-            position: hit.position,
-            geometric: side * hit.normal,
-            normal: side * normal,
-            front: hit.front,
-            to_eye,
-            uv,
-            brdf: Phong {
-                kd: colour * opacity,
-                ks: if material.mirror { Vec3::ZERO } else { material.ks },
-                exponent: f64::from(material.exponent),
-            },
-            colour,
-        }
-    }
-
-    /// Radiance reflected to the eye from `light`, shadows included. Counts the
-    /// rays it casts into `rays`.
-    pub(crate) fn lit_by(&self, light: &PunctualLight, accel: &Accel, rays: &mut u64) -> Vec3 {
-        if self.brdf.is_black() {
-            return Vec3::ZERO;
-        }
-        let Some((to_light, distance, irradiance)) = arriving(light, self.position) else {
-            return Vec3::ZERO;
-        };
-        let cosine = self.normal.dot(to_light);
-        if cosine <= 0.0 {
-            return Vec3::ZERO;
-        }
-        *rays += 1;
-        let start = accel.leave(self.position, self.geometric, self.geometric);
-        let visible = if distance.is_finite() {
-            accel.visibility(start, light.position)
-        } else {
-            accel.visibility_along(start, to_light, distance)
-        };
-        let reflectance = self.brdf.reflectance(self.normal, to_light, self.to_eye);
-        reflectance * irradiance * (visible * cosine as f32)
-    }
-
-    /// k_d times the ambient radiance: the classical ambient term.
-    pub(crate) fn ambient(&self, radiance: Vec3) -> Vec3 {
-        self.brdf.kd * radiance
-    }
-}
-
 /// Direction to `light`, distance, and its irradiance on a plane that faces it,
 /// as KHR_lights_punctual has it; `None` where no light arrives.
 fn arriving(light: &PunctualLight, position: DVec3) -> Option<(DVec3, f64, Vec3)> {
@@ -149,36 +57,11 @@ fn arriving(light: &PunctualLight, position: DVec3) -> Option<(DVec3, f64, Vec3)
     (falloff > 0.0).then(|| (to_light, distance, light.intensity * falloff as f32))
 }
 
-/// The texture's colour at `uv`, or white without one.
-pub(crate) fn textured(scene: &Scene, texture: Option<usize>, uv: Vec2) -> Vec3 {
-    texture.map_or(Vec3::ONE, |index| bilinear(&scene.textures[index], uv))
-}
-
-/// Bilinear look-up, repeated beyond [0, 1]; texel centres are at half-integers.
-pub(crate) fn bilinear(texture: &Texture, uv: Vec2) -> Vec3 {
-    let (width, height) = (texture.width, texture.height);
-    if width == 0 || height == 0 {
-        return Vec3::ONE;
-    }
-    let wrap = |x: f32, n: usize| {
-        let x = (x - x.floor()) * n as f32 - 0.5;
-        let below = x.floor();
-        // Above −1 and below n: one step wraps it.
-        let i = if below < 0.0 { n - 1 } else { (below as usize).min(n - 1) };
-        (i, (i + 1) % n, x - below)
-    };
-    let (x0, x1, s) = wrap(uv.x, width);
-    let (y0, y1, t) = wrap(uv.y, height);
-    let texel = |x, y| texture.texels[y * width + x];
-    let top = texel(x0, y0).lerp(texel(x1, y0), s);
-    let bottom = texel(x0, y1).lerp(texel(x1, y1), s);
-    top.lerp(bottom, t)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Mesh;
+    use crate::accel::Accel;
+    use crate::scene::{Material, Mesh, Scene};
     use std::f64::consts::{PI, TAU};
 
     /// A square of side 200 m in the plane y = 0 that faces up.
@@ -285,19 +168,5 @@ mod tests {
         let b = DVec3::new(-0.5, 0.1, 0.4).normalize();
         let (there, back) = (brdf.reflectance(DVec3::Z, a, b), brdf.reflectance(DVec3::Z, b, a));
         assert!((there - back).length() < 1e-6, "{there} and {back}");
-    }
-
-    #[test]
-    fn texture_repeats_and_interpolates_between_texel_centres() {
-        let texels = [0.0, 1.0, 2.0, 3.0].map(Vec3::splat).to_vec();
-        let texture = Texture { width: 2, height: 2, texels };
-        let at = |u, v| bilinear(&texture, Vec2::new(u, v)).x;
-        assert_eq!(at(0.25, 0.25), 0.0);
-        assert_eq!(at(0.75, 0.25), 1.0);
-        assert_eq!(at(0.25, 0.75), 2.0);
-        assert_eq!(at(0.5, 0.5), 1.5);
-        assert_eq!(at(-1.75, 4.25), 0.0, "repeats");
-        assert_eq!(at(0.0, 0.25), 0.5, "half way round the seam");
-        assert_eq!(at(1.0, 0.25), 0.5, "half way round the seam");
     }
 }

@@ -2,27 +2,25 @@
 //! whatever the number of threads: a pixel's samples depend on its place, the
 //! seed and nothing else.
 
+mod first_round;
+mod pixel;
+
+pub(crate) use pixel::splitmix;
+
 use crate::{
     accel::Accel,
     camera::Pinhole,
     emitters::AreaEmitter,
-    film::Film,
+    film::{Film, Layers},
     scene::{Camera, Scene},
-    whitted::{PatchRadiance, Sample, Whitted},
+    threads::in_pool,
+    whitted::{PatchRadiance, Whitted},
 };
-use anyhow::Context as _;
-use glam::{DVec2, DVec4, Vec3};
+use first_round::FirstRound;
+use glam::{DVec2, DVec3, UVec2, Vec3};
+use pixel::{PixelSampler, Tally};
 use rayon::prelude::*;
-
-/// Step of the samples' sequence, which fills the unit 4-cube evenly: powers of
-/// 1/g for g⁵ = g + 1 (M. Roberts, *The Unreasonable Effectiveness of Quasirandom
-/// Sequences*, 2018).
-const R4: DVec4 = DVec4::new(
-    0.856_674_883_854_502_9,
-    0.733_891_856_627_125_8,
-    0.628_706_721_037_808_8,
-    0.538_597_257_223_608_1,
-);
+use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What to render, and how well.
 #[derive(Clone, Copy, Debug)]
@@ -31,8 +29,13 @@ pub(crate) struct RenderOptions {
     pub(crate) width: usize,
     /// Pixels.
     pub(crate) height: usize,
-    /// Camera rays per pixel.
+    /// The part that is wanted; all without it.
+    pub(crate) crop: Option<Crop>,
+    /// Camera rays per pixel; the most of them with `noise`.
     pub(crate) samples: u32,
+    /// The standard error at which a pixel is good enough, relative to its
+    /// radiance, or to 0.02 for a darker one.
+    pub(crate) noise: Option<f32>,
     /// Mirror and glass surfaces in a row.
     pub(crate) max_depth: u32,
     /// Cells along a side of an area emitter, for surfaces without a patch.
@@ -43,6 +46,8 @@ pub(crate) struct RenderOptions {
     pub(crate) seed: u64,
     /// Radiance where there is no surface.
     pub(crate) background: Vec3,
+    /// Set from outside to leave out the rows that are not begun.
+    pub(crate) stop: Option<&'static AtomicBool>,
 }
 
 impl Default for RenderOptions {
@@ -50,14 +55,26 @@ impl Default for RenderOptions {
         Self {
             width: 1280,
             height: 720,
+            crop: None,
             samples: 16,
+            noise: None,
             max_depth: 8,
             emitter_grid: 8,
             threads: 0,
             seed: 0,
             background: Vec3::ZERO,
+            stop: None,
         }
     }
+}
+
+/// A rectangle of pixels, inside the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Crop {
+    pub(crate) left: usize,
+    pub(crate) top: usize,
+    pub(crate) width: usize,
+    pub(crate) height: usize,
 }
 
 /// What a picture cost. Equal pictures cost the same.
@@ -65,10 +82,27 @@ impl Default for RenderOptions {
 pub(crate) struct RenderStats {
     /// Camera, shadow, mirror and refraction rays.
     pub(crate) rays: u64,
+    /// Camera rays.
+    pub(crate) samples: u64,
+    /// Rows left out because rendering was stopped.
+    pub(crate) rows_left: usize,
+    /// How often a patch's radiance was asked for.
+    pub(crate) look_ups: u64,
+}
+
+impl std::iter::Sum for RenderStats {
+    fn sum<I: Iterator<Item = Self>>(parts: I) -> Self {
+        parts.fold(Self::default(), |sum, part| Self {
+            rays: sum.rays + part.rays,
+            samples: sum.samples + part.samples,
+            rows_left: sum.rows_left + part.rows_left,
+            look_ups: sum.look_ups + part.look_ups,
+        })
+    }
 }
 
 /// Renders `scene` as `camera` sees it. `progress` is called after each row of
-/// pixels, in no particular order and from any thread.
+/// pixels with the rays it took, in no particular order and from any thread.
 ///
 /// # Errors
 ///
@@ -79,7 +113,7 @@ pub(crate) fn render(
     patches: Option<&dyn PatchRadiance>,
     camera: &Camera,
     options: &RenderOptions,
-    progress: &(dyn Fn() + Sync),
+    progress: &(dyn Fn(u64) + Sync),
 ) -> anyhow::Result<(Film, RenderStats)> {
     let &RenderOptions { width, height, .. } = options;
     let whitted = Whitted {
@@ -91,78 +125,77 @@ pub(crate) fn render(
         background: options.background,
     };
     let pinhole = Pinhole::new(camera, width, height);
-    let mut pixels = vec![Vec3::ZERO; width * height];
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.threads)
-        .build()
-        .with_context(|| format!("starting {} threads", options.threads))?;
-    let rays = pool.install(|| {
-        let rows = pixels.par_chunks_mut(width.max(1)).enumerate().with_max_len(1);
-        rows.map(|(y, row)| {
-            let mut rays = 0;
-            for (x, pixel) in row.iter_mut().enumerate() {
-                *pixel = pixel_radiance(&whitted, &pinhole, options, x, y, &mut rays);
+    let crop = options.crop.unwrap_or(Crop { left: 0, top: 0, width, height });
+    let sampler = PixelSampler { whitted: &whitted, pinhole: &pinhole, options };
+    let mut pixels = vec![Vec3::ZERO; crop.width * crop.height];
+    let stopped = || options.stop.is_some_and(|stop| stop.load(Ordering::Relaxed));
+    let stats = in_pool(options.threads, || {
+        let first = options.noise.map(|_| FirstRound::sample(&sampler, crop, &stopped));
+        let rows = pixels.par_chunks_mut(crop.width.max(1)).enumerate().with_max_len(1);
+        rows.map(|(row, pixels)| {
+            let mut stats = RenderStats::default();
+            if stopped() {
+                stats.rows_left = 1;
+                return stats;
             }
-            progress();
-            rays
+            for (column, pixel) in pixels.iter_mut().enumerate() {
+                let (x, y) = (crop.left + column, crop.top + row);
+                let mut tally = first.as_ref().map_or_else(Tally::default, |f| f.tally(x, y));
+                let wanted = first.as_ref().map_or(options.samples.max(1), |f| f.wanted(x, y));
+                sampler.continue_to(wanted, x, y, &mut tally);
+                *pixel = tally.sum / tally.taken as f32;
+                stats.rays += tally.rays;
+                stats.look_ups += tally.look_ups;
+                stats.samples += u64::from(tally.taken);
+            }
+            progress(stats.rays);
+            stats
         })
         .sum()
-    });
-    Ok((Film { width, height, pixels }, RenderStats { rays }))
+    })?;
+    Ok((Film { width: crop.width, height: crop.height, pixels }, stats))
 }
 
-/// Mean over the pixel's samples; adds its rays to `rays`.
-fn pixel_radiance(
-    whitted: &Whitted<'_>,
-    pinhole: &Pinhole,
+/// What the ray through each pixel's centre meets first.
+///
+/// # Errors
+///
+/// If the threads cannot be started.
+pub(crate) fn layers(
+    scene: &Scene,
+    accel: &Accel,
+    patches: Option<&dyn PatchRadiance>,
+    camera: &Camera,
     options: &RenderOptions,
-    x: usize,
-    y: usize,
-    rays: &mut u64,
-) -> Vec3 {
-    let pixel = (y * options.width + x) as u64;
-    let shift = unit_cube(options.seed, pixel);
-    let samples = options.samples.max(1);
-    let mut sum = Vec3::ZERO;
-    for i in 0..samples {
-        let point = (shift + f64::from(i) * R4).fract_gl();
-        let at_x = (x as f64 + 0.5 + tent(point.x)) / options.width as f64;
-        let at_y = (y as f64 + 0.5 + tent(point.y)) / options.height as f64;
-        let (origin, direction) = pinhole.ray(at_x, at_y);
-        let mut sample = Sample { place: DVec2::new(point.z, point.w), rays: 0 };
-        sum += whitted.radiance(origin, direction, &mut sample);
-        *rays += sample.rays;
-    }
-    sum / samples as f32
-}
-
-/// Takes [0, 1) to (−1, 1) with density 1 − |x|: sampling by the pixel filter, so
-/// that samples weigh the same and pixels share none.
-fn tent(u: f64) -> f64 {
-    if u < 0.5 { (2.0 * u).sqrt() - 1.0 } else { 1.0 - (2.0 - 2.0 * u).sqrt() }
-}
-
-/// A point of the unit 4-cube that belongs to `pixel`.
-fn unit_cube(seed: u64, pixel: u64) -> DVec4 {
-    let start = splitmix(seed).wrapping_add(pixel);
-    let [a, b] = [splitmix(start), splitmix(!start)];
-    let unit = |bits: u64| (bits & 0xffff_ffff) as f64 / 4_294_967_296.0;
-    DVec4::new(unit(a), unit(a >> 32), unit(b), unit(b >> 32))
-}
-
-/// Scrambles 64 bits (G. Steele, D. Lea and C. Flood, *Fast Splittable
-/// Pseudorandom Number Generators*, OOPSLA 2014).
-fn splitmix(x: u64) -> u64 {
-    let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    x ^ (x >> 31)
+) -> anyhow::Result<Layers> {
+    let &RenderOptions { width, height, .. } = options;
+    let whitted = Whitted {
+        scene,
+        accel,
+        patches,
+        emitters: Vec::new(),
+        max_depth: 0,
+        background: options.background,
+    };
+    let pinhole = Pinhole::new(camera, width, height);
+    let crop = options.crop.unwrap_or(Crop { left: 0, top: 0, width, height });
+    let ahead = camera.transform.transform_vector3(DVec3::NEG_Z);
+    let pixel = |i: usize| {
+        let (x, y) = (crop.left + i % crop.width, crop.top + i / crop.width);
+        let size = DVec2::new(width as f64, height as f64);
+        let at = (UVec2::new(x as u32, y as u32).as_dvec2() + 0.5) / size;
+        whitted.first(&pinhole.beam(at.x, at.y, 1.0 / size), ahead)
+    };
+    in_pool(options.threads, || (0..crop.width * crop.height).into_par_iter().map(pixel).collect())
+        .map(|pixels: Vec<_>| Layers { pixels })
 }
 
 #[cfg(test)]
 mod tests {
+    use super::first_round::DARK;
+    use super::pixel::tent;
     use super::*;
-    use crate::scene::{LightKind, Material, Mesh, PunctualLight};
+    use crate::scene::{LightKind, Material, Mesh, Projection, PunctualLight};
     use glam::{DAffine3, DVec3};
     use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -194,7 +227,7 @@ mod tests {
         let camera = Camera {
             name: String::new(),
             transform: DAffine3::from_translation(DVec3::new(0.0, 1.0, 4.0)),
-            yfov: 0.8,
+            projection: Projection::Perspective { yfov: 0.8 },
             aspect: None,
         };
         (scene, camera)
@@ -214,7 +247,7 @@ mod tests {
                 ..RenderOptions::default()
             };
             let rows = AtomicUsize::new(0);
-            let progress = || {
+            let progress = |_| {
                 rows.fetch_add(1, Ordering::Relaxed);
             };
             let picture = render(&scene, &accel, None, &camera, &options, &progress);
@@ -240,7 +273,7 @@ mod tests {
         scene.lights.clear();
         let accel = Accel::new(&scene);
         let options = RenderOptions { width: 8, height: 8, ..RenderOptions::default() };
-        let (film, _) = render(&scene, &accel, None, &camera, &options, &|| {}).expect("threads");
+        let (film, _) = render(&scene, &accel, None, &camera, &options, &|_| {}).expect("threads");
         let at = |x: usize, y: usize| film.pixels[y * 8 + x].x;
         assert!(at(7, 7) > 0.9, "lower right: {}", at(7, 7));
         for (x, y) in [(0, 0), (7, 0), (0, 7)] {
@@ -266,8 +299,87 @@ mod tests {
             RenderOptions { width: 3, height: 2, samples: 1, background, ..Default::default() };
         let accel = Accel::new(&scene);
         let (film, stats) =
-            render(&scene, &accel, None, &camera, &options, &|| {}).expect("threads");
+            render(&scene, &accel, None, &camera, &options, &|_| {}).expect("threads");
         assert_eq!(film.pixels, vec![background; 6]);
         assert_eq!(stats.rays, 6);
+    }
+
+    fn small(samples: u32) -> RenderOptions {
+        RenderOptions { width: 24, height: 18, samples, threads: 1, ..RenderOptions::default() }
+    }
+
+    #[test]
+    fn a_crop_is_a_part_of_the_picture_to_the_bit() {
+        let (scene, camera) = room();
+        let accel = Accel::new(&scene);
+        let picture = |crop| {
+            let options = RenderOptions { crop, ..small(3) };
+            render(&scene, &accel, None, &camera, &options, &|_| {}).expect("threads").0
+        };
+        let whole = picture(None);
+        let crop = Crop { left: 5, top: 9, width: 7, height: 4 };
+        let part = picture(Some(crop));
+        assert_eq!((part.width, part.height), (7, 4));
+        for (i, pixel) in part.pixels.iter().enumerate() {
+            assert_eq!(*pixel, whole.pixels[(9 + i / 7) * 24 + 5 + i % 7], "pixel {i}");
+        }
+    }
+
+    #[test]
+    fn noise_is_refined_where_it_is() {
+        let (scene, camera) = room();
+        let accel = Accel::new(&scene);
+        let picture = |samples, noise| {
+            let options = RenderOptions { noise, ..small(samples) };
+            render(&scene, &accel, None, &camera, &options, &|_| {}).expect("threads")
+        };
+        let (adaptive, stats) = picture(256, Some(0.02));
+        let (all, most) = (picture(256, None), 24 * 18 * 256);
+        assert!(stats.samples >= 24 * 18 * 8 && stats.samples < most * 2 / 3, "{stats:?}");
+        assert_eq!(all.1.samples, most);
+        // The edges want more than 256 samples: where fewer do, no error is added.
+        let (truth, _) = picture(2048, None);
+        let error = |film: &Film| {
+            let pairs = film.pixels.iter().zip(&truth.pixels);
+            let relative = |(a, b): (&Vec3, &Vec3)| {
+                ((a - b).abs() / b.max(Vec3::splat(DARK))).max_element().powi(2)
+            };
+            (pairs.map(relative).sum::<f32>() / truth.pixels.len() as f32).sqrt()
+        };
+        let (found, fixed, few) = (error(&adaptive), error(&all.0), error(&picture(8, None).0));
+        assert!(found < 1.1 * fixed, "{found}, with 256 each {fixed}");
+        assert!(few > 2.0 * found, "8 samples each: {few}");
+    }
+
+    #[test]
+    fn stopping_leaves_rows_out_and_counts_them() {
+        static STOP: AtomicBool = AtomicBool::new(false);
+        let (scene, camera) = room();
+        let accel = Accel::new(&scene);
+        let options = RenderOptions { stop: Some(&STOP), ..small(1) };
+        let progress = |_| STOP.store(true, Ordering::Relaxed);
+        let rendered = render(&scene, &accel, None, &camera, &options, &progress);
+        let (film, stats) = rendered.expect("threads");
+        assert_eq!((film.height, stats.rows_left), (18, 17), "one row on one thread");
+        assert_eq!(stats.samples, 24);
+    }
+
+    #[test]
+    fn layers_say_what_is_seen() {
+        let (scene, camera) = room();
+        let accel = Accel::new(&scene);
+        let layers = layers(&scene, &accel, None, &camera, &small(1)).expect("threads");
+        // The middle looks at the mirror wall: from z = 4 to z = −2.
+        let middle = layers.pixels[9 * 24 + 12].expect("the wall");
+        assert_eq!((middle.object, middle.normal), (2, Vec3::Z));
+        assert!((middle.depth - 6.0).abs() < 1e-6, "{middle:?}");
+        assert!((middle.position.z + 2.0).abs() < 1e-6, "{middle:?}");
+        // k_d and k_s of the wall.
+        assert!(middle.albedo.abs_diff_eq(Vec3::splat(0.5 + 0.9), 1e-6), "{middle:?}");
+        assert_eq!(middle.wct_uv, None, "no patches");
+        // Depth is along the axis: the same all over the wall.
+        let aside = layers.pixels[9 * 24 + 18].expect("the wall");
+        assert!((aside.depth - 6.0).abs() < 1e-5, "{aside:?}");
+        assert_eq!(layers.pixels[0], None, "above the room");
     }
 }

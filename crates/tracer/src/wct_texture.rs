@@ -1,11 +1,12 @@
 //! A `.wct` as a 4-D texture: hit point and view direction to radiance.
 
 use crate::scene::{Scene, surfaces};
-use crate::whitted::PatchRadiance;
+use crate::whitted::{PatchRadiance, Sample};
 use anyhow::bail;
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
+use wrt_core::legendre::LegendreSampler;
 use wrt_core::wct_file::Side;
-use wrt_core::{Frame, Nusselt, Patch, Sampler};
+use wrt_core::{Frame, Nusselt, Patch, Sampler, SmoothPatch};
 
 /// The outgoing patches of a file, bound to a scene's triangles.
 #[derive(Debug)]
@@ -18,8 +19,15 @@ pub(crate) struct WctTexture {
 #[derive(Debug)]
 struct Bound {
     frame: Frame,
-    size: glam::DVec2,
-    sampler: Sampler,
+    size: DVec2,
+    sampler: LookUp,
+}
+
+/// Radiance in either basis.
+#[derive(Debug)]
+enum LookUp {
+    Haar(Sampler),
+    Smooth(LegendreSampler),
 }
 
 impl WctTexture {
@@ -28,25 +36,33 @@ impl WctTexture {
     /// # Errors
     ///
     /// If a patch has no polygon of its name in the scene, or lies elsewhere.
-    pub(crate) fn bind(patches: &[Patch], scene: &Scene) -> anyhow::Result<Self> {
+    pub(crate) fn bind(
+        patches: &[Patch],
+        smooth: &[SmoothPatch],
+        scene: &Scene,
+    ) -> anyhow::Result<Self> {
         let polygons = surfaces::planar_polygons(scene);
         let mut texture = Self {
             patches: Vec::new(),
             triangles: scene.meshes.iter().map(|mesh| vec![None; mesh.triangles.len()]).collect(),
         };
-        for patch in patches.iter().filter(|patch| patch.side == Side::Outgoing) {
-            let name = &patch.name;
+        let haar = patches.iter().filter(|patch| patch.side == Side::Outgoing);
+        let haar = haar.map(|p| (&p.name, &p.polygon, LookUp::Haar(Sampler::new(&p.tree))));
+        let smooth = smooth
+            .iter()
+            .map(|p| (&p.name, &p.polygon, LookUp::Smooth(LegendreSampler::new(&p.tree))));
+        for (name, geometry, sampler) in haar.chain(smooth) {
             let Some(planar) = polygons.iter().find(|planar| planar.name == *name) else {
                 bail!(
                     "the scene has no planar surface named \"{name}\", which the .wct file has a patch for: was it baked from another scene?"
                 );
             };
-            let polygon = patch.polygon.to_polygon()?;
+            let polygon = geometry.to_polygon()?;
             let extent = polygon.size().unwrap_or_default().length();
             let off = |(a, b): (&DVec3, &[f64; 3])| a.distance(DVec3::from(*b));
-            let pairs = planar.vertices.iter().zip(&patch.polygon.vertices);
+            let pairs = planar.vertices.iter().zip(&geometry.vertices);
             let distance = pairs.map(off).fold(0.0, f64::max);
-            if planar.vertices.len() != patch.polygon.vertices.len() || distance > 1e-5 * extent {
+            if planar.vertices.len() != geometry.vertices.len() || distance > 1e-5 * extent {
                 bail!(
                     "the patch \"{name}\" lies elsewhere than the scene's surface of that name: bake the scene again"
                 );
@@ -58,11 +74,7 @@ impl WctTexture {
                 texture.triangles[planar.mesh][triangle as usize] =
                     Some(texture.patches.len() as u32);
             }
-            texture.patches.push(Bound {
-                frame: *polygon.frame(),
-                size,
-                sampler: Sampler::new(&patch.tree),
-            });
+            texture.patches.push(Bound { frame: *polygon.frame(), size, sampler });
         }
         if texture.patches.is_empty() {
             bail!("the .wct file holds no outgoing radiance");
@@ -76,17 +88,36 @@ impl WctTexture {
     }
 }
 
+impl Bound {
+    fn uv(&self, position: DVec3) -> DVec2 {
+        let local = self.frame.to_local(position - self.frame.origin).truncate();
+        // Just inside: a hit on the border may round to the outside.
+        (local / self.size).clamp(DVec2::ZERO, DVec2::splat(1.0 - f64::EPSILON))
+    }
+}
+
 impl PatchRadiance for WctTexture {
-    fn outgoing(&self, mesh: usize, triangle: u32, position: DVec3, to_eye: DVec3) -> Option<Vec3> {
+    fn place(&self, mesh: usize, triangle: u32, position: DVec3) -> Option<DVec2> {
+        Some(self.patches[self.triangles[mesh][triangle as usize]? as usize].uv(position))
+    }
+
+    fn outgoing(
+        &self,
+        mesh: usize,
+        triangle: u32,
+        position: DVec3,
+        to_eye: DVec3,
+        _: &Sample,
+    ) -> Option<Vec3> {
         let patch = &self.patches[self.triangles[mesh][triangle as usize]? as usize];
-        let local = patch.frame.to_local(position - patch.frame.origin);
         let mu = patch.frame.to_local(to_eye).normalize();
         let q = Nusselt::from_direction(mu)?;
-        // Just inside: a hit on the border may round to the outside.
-        let coordinate = |x: f64, size: f64| (x / size).clamp(0.0, 1.0 - f64::EPSILON);
-        let (u, v) = (coordinate(local.x, patch.size.x), coordinate(local.y, patch.size.y));
-        let radiance = patch.sampler.multilinear([u, v, q.kappa, q.lambda]);
-        // Thresholding can leave a little less than no light.
+        let uv = patch.uv(position);
+        let radiance = match &patch.sampler {
+            LookUp::Haar(sampler) => sampler.multilinear([uv.x, uv.y, q.kappa, q.lambda]),
+            LookUp::Smooth(sampler) => sampler.radiance(uv, mu),
+        };
+        // Thresholding and polynomials can leave a little less than no light.
         Some(Vec3::from(radiance).max(Vec3::ZERO))
     }
 }

@@ -7,11 +7,12 @@
 
 use crate::{
     accel::{Accel, Hit},
+    camera::Beam,
     emitters::{AreaEmitter, lobe_factor},
-    phong::{Surface, textured},
+    phong::Surface,
     scene::{Lobe, Scene},
 };
-use glam::{DVec2, DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 
 /// Rays that can change a pixel by less than this, relative to the radiance
 /// they would find, are not followed.
@@ -27,7 +28,35 @@ pub(crate) trait PatchRadiance: Sync {
     /// Radiance that leaves `position`, on a mesh's triangle seen from its
     /// front, along the unit vector `to_eye`: what the surface reflects of the
     /// area emitters. `None` if no patch lies there.
-    fn outgoing(&self, mesh: usize, triangle: u32, position: DVec3, to_eye: DVec3) -> Option<Vec3>;
+    fn outgoing(
+        &self,
+        mesh: usize,
+        triangle: u32,
+        position: DVec3,
+        to_eye: DVec3,
+        sample: &Sample,
+    ) -> Option<Vec3>;
+
+    /// Where on the patch of a triangle `position` is, in [0, 1]².
+    fn place(&self, _mesh: usize, _triangle: u32, _position: DVec3) -> Option<DVec2> {
+        None
+    }
+}
+
+/// What a camera ray meets first, for compositing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct First {
+    /// k_d + k_s with textures: what is reflected of light from everywhere.
+    pub(crate) albedo: Vec3,
+    /// Unit, towards the eye.
+    pub(crate) normal: Vec3,
+    pub(crate) position: Vec3,
+    /// Distance from the camera along its axis, metres.
+    pub(crate) depth: f32,
+    /// The mesh's number from 1.
+    pub(crate) object: u32,
+    /// Where on a wavelet patch.
+    pub(crate) wct_uv: Option<Vec2>,
 }
 
 /// What all rays of a picture share.
@@ -47,8 +76,14 @@ pub(crate) struct Whitted<'a> {
 pub(crate) struct Sample {
     /// Where on the emitters' cells to look, in [0, 1)².
     pub(crate) place: DVec2,
+    /// Which of the pixel's camera rays it is.
+    pub(crate) index: u32,
+    /// The pixel's own bits.
+    pub(crate) scramble: u64,
     /// Rays cast, shadow rays included.
     pub(crate) rays: u64,
+    /// Patches found.
+    pub(crate) look_ups: u64,
 }
 
 /// What became of the ray so far.
@@ -58,37 +93,84 @@ struct Branch {
     weight: f32,
 }
 
+/// How many surfaces with alpha in a row a ray sees through.
+const MAX_LAYERS: u32 = 64;
+
 impl Whitted<'_> {
-    /// Radiance that arrives at `origin` from the unit `direction`.
-    pub(crate) fn radiance(&self, origin: DVec3, direction: DVec3, sample: &mut Sample) -> Vec3 {
-        self.trace(origin, direction, Branch { depth: 0, weight: 1.0 }, sample)
+    /// Radiance that arrives along `beam`.
+    pub(crate) fn radiance(&self, beam: &Beam, sample: &mut Sample) -> Vec3 {
+        self.trace(beam, Branch { depth: 0, weight: 1.0 }, sample)
     }
 
-    fn trace(&self, origin: DVec3, direction: DVec3, branch: Branch, sample: &mut Sample) -> Vec3 {
-        sample.rays += 1;
-        let Some(hit) = self.accel.closest(origin, direction, 0.0, f64::INFINITY) else {
-            return self.background;
-        };
-        let surface = Surface::new(self.scene, &hit, -direction);
-        self.emitted(&surface, &hit)
-            + self.local(&surface, &hit, branch.depth, sample)
-            + self.secondary(&surface, direction, branch, sample)
+    /// What `beam` meets first, with depth along the unit vector `ahead`; surfaces
+    /// with alpha count where they hide half or more.
+    pub(crate) fn first(&self, beam: &Beam, ahead: DVec3) -> Option<First> {
+        let mut from = 0.0;
+        let hit = (0..MAX_LAYERS).find_map(|_| {
+            let hit = self.accel.closest(beam.origin, beam.direction, from, f64::INFINITY);
+            from = hit.map_or(f64::INFINITY, |hit| hit.t);
+            hit.filter(|hit| hit.opacity >= 0.5)
+        })?;
+        let footprint = beam.footprint(hit.position, hit.normal);
+        let surface = Surface::over(self.scene, &hit, -beam.direction, footprint);
+        let patches = self.patches.filter(|_| hit.front);
+        let uv = patches.and_then(|p| p.place(hit.mesh, hit.triangle, hit.position));
+        Some(First {
+            albedo: surface.colour + surface.specular,
+            normal: surface.normal.as_vec3(),
+            position: hit.position.as_vec3(),
+            depth: (hit.t * beam.direction.dot(ahead)) as f32,
+            object: hit.mesh as u32 + 1,
+            wct_uv: uv.map(|uv| uv.as_vec2()),
+        })
+    }
+
+    fn trace(&self, beam: &Beam, branch: Branch, sample: &mut Sample) -> Vec3 {
+        let (mut radiance, mut clear, mut from) = (Vec3::ZERO, 1.0, 0.0);
+        for _ in 0..MAX_LAYERS {
+            sample.rays += 1;
+            let hit = self.accel.closest(beam.origin, beam.direction, from, f64::INFINITY);
+            let Some(hit) = hit else {
+                return radiance + clear * self.background;
+            };
+            let seen = hit.opacity * clear;
+            radiance += seen * self.shade(beam, &hit, branch, sample);
+            clear -= seen;
+            if clear * branch.weight < MIN_WEIGHT {
+                break;
+            }
+            from = hit.t;
+        }
+        radiance
+    }
+
+    /// Radiance that leaves the surface at `hit` back along the beam.
+    fn shade(&self, beam: &Beam, hit: &Hit, branch: Branch, sample: &mut Sample) -> Vec3 {
+        let footprint = beam.footprint(hit.position, hit.normal);
+        let surface = Surface::over(self.scene, hit, -beam.direction, footprint);
+        if surface.material.unlit {
+            return surface.emission;
+        }
+        self.emitted(&surface, hit)
+            + self.local(&surface, hit, branch.depth, sample)
+            + self.secondary(&surface, beam, branch, sample)
     }
 
     /// Radiance that the surface itself sends to the eye, from its front only.
     fn emitted(&self, surface: &Surface<'_>, hit: &Hit) -> Vec3 {
         let material = surface.material;
-        if !hit.front || material.emission == Vec3::ZERO {
+        if !hit.front || surface.emission == Vec3::ZERO {
             return Vec3::ZERO;
         }
         let lobe = material.lobe.as_ref().map_or(1.0, |lobe| {
+            if let Some(window) = &lobe.window {
+                return window.radiance(surface.to_eye);
+            }
             let matrix = self.scene.meshes[hit.mesh].transform.matrix3;
             let peak = (matrix * lobe.peak).normalize_or_zero();
             lobe_factor(&Lobe { peak, ..lobe.clone() }, surface.to_eye)
         });
-        material.emission
-            * textured(self.scene, material.emission_texture, surface.uv)
-            * lobe as f32
+        surface.emission * lobe as f32
     }
 
     /// Radiance that the surface reflects of lights and emitters.
@@ -97,20 +179,25 @@ impl Whitted<'_> {
         for light in &self.scene.lights {
             radiance += surface.lit_by(light, self.accel, &mut sample.rays);
         }
+        // Another place on each emitter and at each depth.
+        let (first, count) = (sample.place, self.emitters.len() as f64);
+        let place = |i: usize| (first + (i as f64 + f64::from(depth) * count) * R2).fract_gl();
+        // Patches do not hold it.
+        for (i, emitter) in self.emitters.iter().enumerate() {
+            radiance += emitter.sunlight(surface, place(i), self.accel, &mut sample.rays);
+        }
         let patch = self.patches.filter(|_| hit.front).and_then(|patches| {
-            patches.outgoing(hit.mesh, hit.triangle, surface.position, surface.to_eye)
+            patches.outgoing(hit.mesh, hit.triangle, surface.position, surface.to_eye, sample)
         });
         if let Some(outgoing) = patch {
+            sample.look_ups += 1;
             return radiance + outgoing;
         }
         if surface.brdf.is_black() {
             return radiance;
         }
         for (i, emitter) in self.emitters.iter().enumerate() {
-            // Another place on each emitter and at each depth.
-            let step = i as f64 + f64::from(depth) * self.emitters.len() as f64;
-            let place = (sample.place + step * R2).fract_gl();
-            radiance += emitter.illuminate(surface, place, self.accel, &mut sample.rays);
+            radiance += emitter.illuminate(surface, place(i), self.accel, &mut sample.rays);
         }
         radiance
     }
@@ -119,39 +206,42 @@ impl Whitted<'_> {
     fn secondary(
         &self,
         surface: &Surface<'_>,
-        direction: DVec3,
+        beam: &Beam,
         branch: Branch,
         sample: &mut Sample,
     ) -> Vec3 {
         let material = surface.material;
         let clear = material.transmission.clamp(0.0, 1.0);
+        let about = mirror_normal(surface, beam.direction);
+        let mirrored =
+            |direction: DVec3| (direction - 2.0 * direction.dot(about) * about).normalize();
         if clear > 0.0 {
-            let bent = Refraction::new(surface, direction);
-            let reflected = bent.fresnel as f32 * clear;
-            let mut radiance = self.follow(
-                surface,
-                reflect(surface, direction),
-                Vec3::splat(reflected),
-                branch,
-                sample,
-            );
+            let bent = Refraction::new(surface, beam.direction);
+            let reflected = Vec3::splat(bent.fresnel as f32 * clear);
+            let mut radiance = self.follow(surface, beam, mirrored, reflected, branch, sample);
             if let Some(refracted) = bent.direction {
                 let weight = (1.0 - bent.fresnel as f32) * clear * surface.colour;
-                radiance += self.follow(surface, refracted, weight, branch, sample);
+                // Beside the ray, as it is bent; past the critical angle, along with it.
+                let bend = |direction: DVec3| {
+                    Refraction::new(surface, direction).direction.unwrap_or(refracted)
+                };
+                radiance += self.follow(surface, beam, bend, weight, branch, sample);
             }
             radiance
         } else if material.mirror {
-            self.follow(surface, reflect(surface, direction), material.ks, branch, sample)
+            self.follow(surface, beam, mirrored, material.ks, branch, sample)
         } else {
             Vec3::ZERO
         }
     }
 
-    /// `weight` times the radiance from `direction`, unless the branch ends here.
+    /// `weight` times the radiance from where `turn` takes the beam, unless the
+    /// branch ends here.
     fn follow(
         &self,
         surface: &Surface<'_>,
-        direction: DVec3,
+        beam: &Beam,
+        turn: impl Fn(DVec3) -> DVec3,
         weight: Vec3,
         branch: Branch,
         sample: &mut Sample,
@@ -160,17 +250,18 @@ impl Whitted<'_> {
         if next.depth > self.max_depth || next.weight < MIN_WEIGHT {
             return Vec3::ZERO;
         }
-        let origin = self.accel.leave(surface.position, surface.geometric, direction);
-        weight * self.trace(origin, direction, next, sample)
+        let turned = beam.turned(surface.position, surface.geometric, turn);
+        let origin = self.accel.leave(surface.position, surface.geometric, turned.direction);
+        weight * self.trace(&Beam { origin, ..turned }, next, sample)
     }
 }
 
-/// The mirror direction. Where the interpolated normal would send it into the
-/// surface, the triangle's own normal decides.
-fn reflect(surface: &Surface<'_>, direction: DVec3) -> DVec3 {
-    let about = |normal: DVec3| (direction - 2.0 * direction.dot(normal) * normal).normalize();
-    let reflected = about(surface.normal);
-    if reflected.dot(surface.geometric) > 0.0 { reflected } else { about(surface.geometric) }
+/// The normal that a mirror reflects about. Where the interpolated one would send
+/// the ray into the surface, the triangle's own decides.
+fn mirror_normal(surface: &Surface<'_>, direction: DVec3) -> DVec3 {
+    let n = surface.normal;
+    let reflected = direction - 2.0 * direction.dot(n) * n;
+    if reflected.dot(surface.geometric) > 0.0 { n } else { surface.geometric }
 }
 
 /// How a ray splits at a dielectric.
@@ -217,7 +308,7 @@ impl Refraction {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Material, Mesh};
+    use crate::scene::{Alpha, LightKind, Material, Mesh, PunctualLight};
 
     const LAMP: Vec3 = Vec3::new(2.0, 3.0, 5.0);
 
@@ -248,8 +339,8 @@ mod tests {
             max_depth: 8,
             background: Vec3::new(0.25, 0.0, 0.0),
         };
-        let mut sample = Sample { place: DVec2::splat(0.5), rays: 0 };
-        whitted.radiance(eye, to.normalize(), &mut sample)
+        let mut sample = Sample { place: DVec2::splat(0.5), ..Sample::default() };
+        whitted.radiance(&Beam::thin(eye, to.normalize()), &mut sample)
     }
 
     /// A lamp at height 4 over a square of `material` at height 0.
@@ -346,7 +437,7 @@ mod tests {
     struct Everywhere(Vec3);
 
     impl PatchRadiance for Everywhere {
-        fn outgoing(&self, mesh: usize, _: u32, _: DVec3, _: DVec3) -> Option<Vec3> {
+        fn outgoing(&self, mesh: usize, _: u32, _: DVec3, _: DVec3, _: &Sample) -> Option<Vec3> {
             (mesh == 0).then_some(self.0)
         }
     }
@@ -362,5 +453,44 @@ mod tests {
         assert!(gathered.x > 0.5 * LAMP.x && gathered.x < LAMP.x + 0.125, "{gathered}");
         let below = seen(&scene, Some(&patch), -above, DVec3::Y);
         assert_eq!(below, Vec3::splat(0.125), "the back has no patch");
+    }
+
+    #[test]
+    fn alpha_shows_what_is_behind_by_its_rest() {
+        let pane = |factor: f32| Material {
+            kd: Vec3::ZERO,
+            emission: Vec3::splat(8.0),
+            alpha: Alpha::Blend { factor },
+            ..Material::default()
+        };
+        let lamp = Material { emission: LAMP, ..black() };
+        let scene = |factor| Scene {
+            meshes: vec![square(1.0, true, 0), square(0.5, true, 0), square(0.0, true, 1)],
+            materials: vec![pane(factor), lamp.clone()],
+            ..Scene::default()
+        };
+        let down = |scene: &Scene| seen(scene, None, DVec3::Y * 2.0, DVec3::NEG_Y);
+        assert_eq!(down(&scene(0.0)), LAMP);
+        assert_eq!(down(&scene(1.0)), Vec3::splat(8.0));
+        // Two panes: ¼ · 8 + ¾ · (¼ · 8 + ¾ · lamp).
+        let expected = Vec3::splat(2.0 + 1.5) + 0.5625 * LAMP;
+        assert!((down(&scene(0.25)) - expected).length() < 1e-5, "{}", down(&scene(0.25)));
+        // Half the light of a lamp above comes through to the floor.
+        let floor = |factor| {
+            let mut scene = scene(factor);
+            scene.meshes.remove(0);
+            scene.materials = vec![pane(factor), Material { kd: Vec3::ONE, ..Material::default() }];
+            scene.materials[0].emission = Vec3::ZERO;
+            scene.lights.push(PunctualLight {
+                intensity: Vec3::ONE,
+                position: DVec3::ZERO,
+                direction: DVec3::NEG_Y,
+                kind: LightKind::Directional,
+                range: None,
+            });
+            // Off the panes' diagonals, where a shadow ray meets both triangles.
+            seen(&scene, None, DVec3::new(0.3, 0.25, 0.1), DVec3::NEG_Y)
+        };
+        assert!((floor(0.5) - 0.5 * floor(0.0)).length() < 1e-6, "{}", floor(0.5));
     }
 }

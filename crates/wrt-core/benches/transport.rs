@@ -5,11 +5,13 @@
 use cpu_time::ProcessTime;
 use glam::{DQuat, DVec3};
 use peak_alloc::PeakAlloc;
+use std::time::Instant;
 use wrt_core::metrics::relative_euclidean_distance;
 use wrt_core::transport::{
-    BlockOptions, Exact, Integrator, Method, Pair, Support, TransportGeometry, transport_block,
+    Exact, Integrator, Method, Pair, RecursionOptions, Support, TransportGeometry,
+    transport_sparse, transport_tree, transport_within,
 };
-use wrt_core::{Emission, Grid, Levels, Lobe, Polygon};
+use wrt_core::{Emission, Grid, Levels, Lobe, Polygon, TreeBuilder};
 
 #[global_allocator]
 static MEMORY: PeakAlloc = PeakAlloc;
@@ -23,6 +25,21 @@ fn main() {
     for (name, geometry) in &geometries() {
         if wanted(&format!("block {name}")) {
             blocks(name, geometry);
+        }
+    }
+    for (name, geometry) in &geometries() {
+        if wanted(&format!("sparse {name}")) {
+            sparse(name, geometry);
+        }
+    }
+    for (name, geometry) in &geometries() {
+        if wanted(&format!("recursion {name}")) {
+            recursion(name, geometry);
+        }
+    }
+    for (name, geometry) in &geometries() {
+        if wanted(&format!("threads {name}")) {
+            threads(name, geometry);
         }
     }
     for (name, geometry) in &geometries() {
@@ -40,6 +57,8 @@ fn geometries() -> Vec<(&'static str, TransportGeometry)> {
     let turn = DQuat::from_rotation_y(0.4) * DQuat::from_rotation_x(0.3);
     vec![
         ("aligned", source(DVec3::new(0.0, 0.5, -0.5), DVec3::X, DVec3::Y)),
+        // As aligned but for a texel that is not quite a cell: no stencil repeats.
+        ("nearly aligned", source(DVec3::new(0.0, 0.5, -0.5), 1.001 * DVec3::X, 1.001 * DVec3::Y)),
         ("tilted", source(DVec3::new(0.1, 0.4, -0.6), turn * DVec3::X, turn * DVec3::Y)),
         ("shared edge", source(DVec3::ZERO, DVec3::X, DVec3::Y)),
         ("far tile", source(DVec3::new(0.5, 0.5, -6.0), DVec3::X, DVec3::Y)),
@@ -58,6 +77,23 @@ fn panes(level: u8) -> Emission {
     });
     let lobe = Lobe::Cosine { exponent: 4.0, peak: DVec3::new(0.2, -0.5, 0.8).normalize() };
     Emission::new(level, picture.collect(), lobe)
+}
+
+/// The same on coarser texels, each the mean of the panes in it.
+fn coarse_panes(level: u8) -> Emission {
+    let fine = panes(5);
+    let (side, share) = (1_usize << level, 32 >> level);
+    let mean = |i: usize| {
+        let mut sum = [0.0; 3];
+        for j in 0..share * share {
+            let (u, v) = (i % side * share + j % share, i / side * share + j / share);
+            for (sum, x) in sum.iter_mut().zip(fine.picture()[v * 32 + u]) {
+                *sum += x / (share * share) as f32;
+            }
+        }
+        sum
+    };
+    Emission::new(level, (0..side * side).map(mean).collect(), fine.lobe().clone())
 }
 
 /// Median CPU seconds of `RUNS` runs, their spread (slowest over fastest), and the
@@ -97,23 +133,110 @@ fn red(found: &Grid, reference: &Grid) -> f64 {
     (difference / size).sqrt()
 }
 
+/// Dense blocks to a tolerance, levels 4 to 6.
 fn blocks(name: &str, geometry: &TransportGeometry) {
+    let source = panes(5);
+    let mut costs = Vec::new();
     for level in 4..=6 {
         let levels = Levels::isotropic(level);
-        let source = panes(5);
-        let with = |samples| transport_block(geometry, &source, levels, BlockOptions { samples });
-        let finest = if level > 5 { 32 } else { 64 };
-        let reference = with(finest);
-        println!("block {name}, level {level}: reference {finest} samples a side");
-        for samples in [2, 4, 8, 16, 32].into_iter().filter(|&s| 2 * s <= finest) {
-            let (grid, seconds, spread, memory) = measure(|| with(samples));
-            let red = red(&grid, &reference);
+        let within = if level > 5 { 2e-4 } else { 3e-5 };
+        let reference = transport_within(geometry, &source, levels, within);
+        println!("block {name}, level {level}: reference ± {:7.1e}", reference.relative_error);
+        for tolerance in [1e-2, 3e-3, 1e-3, 3e-4].into_iter().filter(|t| *t > 4.0 * within) {
+            let run = || transport_within(geometry, &source, levels, tolerance);
+            let (found, seconds, spread, memory) = measure(run);
+            let red = red(&found.grid, &reference.grid);
             println!(
-                "  {samples:3} samples  RED {red:8.1e}  {seconds:8.3} CPU s (spread {spread:4.2}) \
-                 {memory:8.1} MiB"
+                "  within {tolerance:5.0e}  estimate {:7.1e}  RED {red:7.1e}  {seconds:8.3} CPU s \
+                 (spread {spread:4.2}) {memory:8.1} MiB",
+                found.relative_error
             );
+            if tolerance == 1e-3 {
+                costs.push(seconds);
+            }
         }
     }
+    growth("CPU s at 1e-3", &costs);
+}
+
+/// Sparse trees, levels 4 to 8, of panes as fine as the positions.
+fn sparse(name: &str, geometry: &TransportGeometry) {
+    let mut costs = Vec::new();
+    let finest = if name == "aligned" { 8 } else { 6 };
+    for level in 4..=finest {
+        let levels = Levels::isotropic(level);
+        let source = panes(level);
+        let clock = (Instant::now(), ProcessTime::now());
+        MEMORY.reset_peak_usage();
+        let before = MEMORY.current_usage();
+        let found = transport_sparse(geometry, &source, levels, 1e-2);
+        let (wall, cpu) = (clock.0.elapsed().as_secs_f64(), clock.1.elapsed().as_secs_f64());
+        let peak = MEMORY.peak_usage().saturating_sub(before) as f64 / f64::from(1 << 20);
+        println!(
+            "sparse {name}, level {level}: ± {:7.1e}, {:9} coefficients ({:6.3} %), {cpu:8.2} CPU s, \
+             {wall:8.2} s, {peak:8.1} MiB",
+            found.relative_error,
+            found.tree.len(),
+            100.0 * found.tree.len() as f64 / (levels.positions() * levels.directions()) as f64
+        );
+        costs.push(cpu);
+    }
+    growth("CPU s", &costs);
+}
+
+/// Factor from one level to the next.
+fn growth(what: &str, costs: &[f64]) {
+    let factors: Vec<String> = costs.windows(2).map(|w| format!("{:.1}", w[1] / w[0])).collect();
+    println!("  {what}: × {} a level", factors.join(", × "));
+}
+
+/// The paper's recursion with its two-dimensional trapezoidal rule, at levels that it
+/// finishes in; the rest by its growth from the one to the other.
+fn recursion(name: &str, geometry: &TransportGeometry) {
+    let run = |level: u8, rule: &str| {
+        let levels = Levels::isotropic(level);
+        let source = coarse_panes(level).project(level);
+        let reference = transport_within(geometry, &source, levels, 3e-4).grid;
+        let rule: Method = rule.parse().expect("a method");
+        let tree = TreeBuilder::from_grid(&source).finish();
+        let options = RecursionOptions { integrator: &rule, oracle: true };
+        let clock = ProcessTime::now();
+        let (found, counts) = transport_tree(geometry, &tree, levels, &options);
+        let seconds = clock.elapsed().as_secs_f64();
+        let red = red(&found.finish().to_grid(), &reference);
+        println!(
+            "recursion {name}, level {level}, {}: RED {red:7.1e}  {seconds:8.3} CPU s, {} integrals",
+            rule.name(),
+            counts.integrated
+        );
+        seconds
+    };
+    for rule in ["trapezoid2d:5", "trapezoid2d:17", "trapezoid2d:65"] {
+        run(1, rule);
+    }
+    let costs = [1, 2, 3].map(|level| run(level, "trapezoid2d:5"));
+    growth("CPU s with trapezoid2d:5", &costs);
+}
+
+/// Wall time from one thread and from two.
+fn threads(name: &str, geometry: &TransportGeometry) {
+    let source = panes(5);
+    let mut walls = [1, 2].map(|threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        let pool = pool.expect("a thread pool");
+        let run = || {
+            let clock = Instant::now();
+            pool.install(|| transport_within(geometry, &source, Levels::isotropic(5), 3e-3));
+            clock.elapsed().as_secs_f64()
+        };
+        let mut runs: Vec<f64> = (0..5).map(|_| run()).collect();
+        runs.sort_by(f64::total_cmp);
+        // The least: other programs only add.
+        runs[0]
+    });
+    walls.reverse();
+    let [two, one] = walls;
+    println!("threads {name}: one {one:.3} s, two {two:.3} s, ratio {:.2}", one / two);
 }
 
 /// All coefficients of the brightest source cell of a level.

@@ -49,10 +49,17 @@ impl ConvexPolygon {
         (0..v.len()).map(move |i| (v[i], v[if i + 1 == v.len() { 0 } else { i + 1 }]))
     }
 
-    /// The part where `side(x) ≥ 0`, for an affine `side` (Sutherland & Hodgman,
-    /// *Reentrant polygon clipping*, CACM 17(1), 1974).
+    /// The part where `side(x) ≥ 0`, for an affine `side`.
     #[must_use]
     pub fn clipped(&self, side: impl Fn(DVec2) -> f64) -> Self {
+        let mut out = *self;
+        out.clip(side);
+        out
+    }
+
+    /// Leaves the part where `side(x) ≥ 0`, for an affine `side` (Sutherland &
+    /// Hodgman, *Reentrant polygon clipping*, CACM 17(1), 1974).
+    pub fn clip(&mut self, side: impl Fn(DVec2) -> f64) {
         let mut distance = [0.0; Self::CAPACITY];
         let (mut any_in, mut any_out) = (false, false);
         for (d, v) in distance.iter_mut().zip(self.vertices()) {
@@ -61,29 +68,32 @@ impl ConvexPolygon {
             any_out |= *d < 0.0;
         }
         if !any_out {
-            return *self;
+            return;
         }
-        let mut out = Self::EMPTY;
+        let len = std::mem::take(&mut self.len);
         if !any_in {
-            return out;
+            return;
         }
-        for i in 0..self.len {
-            let next = if i + 1 == self.len { 0 } else { i + 1 };
+        let vertices = self.vertices;
+        for i in 0..len {
+            let next = if i + 1 == len { 0 } else { i + 1 };
             let (a, b) = (distance[i], distance[next]);
             if a >= 0.0 {
-                out.push(self.vertices[i]);
+                self.push(vertices[i]);
             }
             if (a > 0.0 && b < 0.0) || (a < 0.0 && b > 0.0) {
                 // From the inner end, so that both neighbours get the same point.
                 let (from, to, t) = if a > 0.0 {
-                    (self.vertices[i], self.vertices[next], a / (a - b))
+                    (vertices[i], vertices[next], a / (a - b))
                 } else {
-                    (self.vertices[next], self.vertices[i], b / (b - a))
+                    (vertices[next], vertices[i], b / (b - a))
                 };
-                out.push(from + (to - from) * t);
+                self.push(from + (to - from) * t);
             }
         }
-        if out.len < 3 { Self::EMPTY } else { out }
+        if self.len < 3 {
+            self.len = 0;
+        }
     }
 
     /// The part inside `other` as well.

@@ -45,6 +45,16 @@ impl Glazing {
         }
     }
 
+    /// The fraction of light that goes straight on when it meets the pane at an angle
+    /// with this cosine; `None` if it is scattered.
+    #[must_use]
+    pub fn straight(&self, cosine: f64) -> Option<f64> {
+        let Self::Clear { ior } = self else { return None };
+        let surface = Interface { eta_incident: 1.0, eta_transmitted: *ior };
+        let f = surface.reflectance(cosine.clamp(0.0, 1.0));
+        Some((1.0 - f) / (1.0 + f))
+    }
+
     /// Whether light that comes from one direction leaves in one.
     #[must_use]
     pub fn is_clear(&self) -> bool {

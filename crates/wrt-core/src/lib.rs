@@ -30,6 +30,7 @@
 //! from the surface: incident ones to where the light comes from, outgoing ones to
 //! the eye. Computation is in f64, coefficients are stored in f32.
 
+pub mod beams;
 mod chart;
 mod convex;
 mod emission;
@@ -38,26 +39,31 @@ mod gather;
 mod glazing;
 pub mod grid;
 mod haar;
+mod hemisphere;
 mod index;
 mod interaction;
+pub mod legendre;
 pub mod metrics;
+pub mod multiwavelet;
 mod nusselt;
 mod polygon;
 mod radiometry;
 mod sampler;
 mod sky;
+mod sobol;
 pub mod transport;
 mod tree;
 pub mod wct_file;
 
 pub use chart::Chart;
 pub use convex::ConvexPolygon;
-pub use emission::{Emission, Lobe};
+pub use emission::{Emission, Lobe, cone_solid_angle};
 pub use error::{Error, Result};
 pub use gather::gather;
 pub use glazing::Glazing;
 pub use grid::{Grid, Rgb};
 pub use haar::{CHILDREN, pull, push};
+pub use hemisphere::DirectionMap;
 pub use index::{Cell, Levels, WaveletIndex, children};
 pub use interaction::{
     BrdfTree, Bsdf, Interface, LobeMatrix, Patches, Phong, Ring, disc_of_square, mirrored,
@@ -66,7 +72,8 @@ pub use interaction::{
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
 pub use radiometry::Irradiance;
-pub use sampler::Sampler;
+pub use sampler::{MipSampler, Sampler};
 pub use sky::{Sky, SkyModel, Sun};
-pub use tree::{Compression, Keep, Node, Tree, TreeBuilder};
-pub use wct_file::{Patch, PatchGeometry, WctFile};
+pub use sobol::sobol;
+pub use tree::{Compression, Difference, Keep, Node, Quantisation, Tree, TreeBuilder};
+pub use wct_file::{Patch, PatchGeometry, SmoothPatch, WctFile};

@@ -1,9 +1,9 @@
 //! A baked patch against direct quadrature over the emitters.
 
 use super::receivers::Receiver;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
-use wrt_core::{Emission, Nusselt, Polygon, Sampler, gather};
+use wrt_core::{Emission, Nusselt, Polygon, Rgb, gather};
 
 /// Squared error and squared reference, summed over checks.
 #[derive(Clone, Copy, Debug, Default)]
@@ -23,12 +23,13 @@ impl Checked {
     }
 }
 
-/// Looks the patch up at well-spread points and directions and compares with
-/// direct quadrature over the emitters: the error that a picture will have.
+/// Looks the patch up, by (u, v, κ, λ) or by direction, at well-spread points and
+/// directions and compares with direct quadrature over the emitters: the error that a
+/// picture will have.
 pub(super) fn check(
     receiver: &Receiver,
     emitters: &[(Polygon, Emission)],
-    sampler: &Sampler,
+    look_up: &(impl Fn([f64; 4], DVec3) -> Rgb + Sync),
     count: u32,
 ) -> Checked {
     // A Kronecker sequence in four dimensions (M. Roberts, 2018).
@@ -48,7 +49,7 @@ pub(super) fn check(
             let point = frame.point(DVec2::new(q[0], q[1]) * size);
             let cells = 1 << emitters.iter().map(|e| e.1.level()).max().unwrap_or(0);
             let exact = gather(emitters, frame, point, &receiver.phong, to_eye, cells);
-            let found = sampler.multilinear(q);
+            let found = look_up(q, to_eye);
             let mut sum = Checked::default();
             for (exact, found) in exact.iter().zip(found) {
                 sum.error += (exact - f64::from(found)).powi(2);

@@ -17,6 +17,33 @@ pub(super) struct Emitter {
     pub(super) fine: Emission,
 }
 
+/// Each emitter, with a picture of this level or, if none is given, as fine as its
+/// texture: 2^`MOST` cells a side at most.
+///
+/// # Errors
+///
+/// If a polygon cannot be used; by name.
+pub(crate) fn emissions(
+    scene: &Scene,
+    level: Option<u8>,
+) -> anyhow::Result<Vec<(Polygon, Emission)>> {
+    /// 48 MiB a picture.
+    const MOST: u32 = 11;
+    /// What a clipped outline is drawn with where there is no texture.
+    const OUTLINE: u32 = 8;
+    let emitter = |planar: &PlanarPolygon| {
+        let polygon = polygon(planar)?;
+        let texture =
+            material(scene, planar).emission_texture.map(|map| &scene.textures[map.texture]);
+        let texels = texture.map(Texture::size).map_or(1, |(width, height)| width.max(height));
+        let outline = if polygon.fills_chart() { 0 } else { OUTLINE };
+        let finest = texels.next_power_of_two().ilog2().max(outline).min(MOST) as u8;
+        let emission = emission(scene, planar, &polygon, level.unwrap_or(finest));
+        Ok((polygon, emission))
+    };
+    surfaces::emitters(scene).iter().map(emitter).collect()
+}
+
 pub(super) fn emitters(scene: &Scene, options: &BakeOptions) -> anyhow::Result<Vec<Emitter>> {
     let found = surfaces::emitters(scene);
     if found.is_empty() {
@@ -25,26 +52,38 @@ pub(super) fn emitters(scene: &Scene, options: &BakeOptions) -> anyhow::Result<V
         );
     }
     let emitter = |planar: &PlanarPolygon| {
-        let polygon = Polygon::rectilinear(&planar.vertices)
-            .with_context(|| format!("the emitter \"{}\"", planar.name))?;
-        let mesh = &scene.meshes[planar.mesh];
-        let material = &scene.materials[mesh.material];
-        let lobe = match &material.lobe {
-            None => Lobe::Lambertian,
-            Some(scene::Lobe { window: Some(window), .. }) => window.light_in(polygon.frame()),
-            Some(lobe) => {
-                let peak = (mesh.transform.matrix3 * lobe.peak).normalize();
-                Lobe::Cosine { exponent: lobe.exponent, peak: polygon.frame().to_local(peak) }
-            }
-        };
-        let picture = |level| {
-            Emission::new(level, picture(scene, planar, material, &polygon, level), lobe.clone())
-        };
-        let emission = picture(options.emission_level);
-        let fine = picture(options.emission_level + 1);
+        let polygon = polygon(planar)?;
+        let level = options.emission_level;
+        let [emission, fine] =
+            [level, level + 1].map(|level| emission(scene, planar, &polygon, level));
         Ok(Emitter { polygon, emission, fine })
     };
     found.iter().map(emitter).collect()
+}
+
+fn polygon(planar: &PlanarPolygon) -> anyhow::Result<Polygon> {
+    Polygon::rectilinear(&planar.vertices)
+        .with_context(|| format!("the emitter \"{}\"", planar.name))
+}
+
+fn material<'a>(scene: &'a Scene, planar: &PlanarPolygon) -> &'a Material {
+    &scene.materials[scene.meshes[planar.mesh].material]
+}
+
+/// What it emits, its picture of this level: without sunlight through clear glass, which
+/// like a mirror's image is no matter of cells but of the raytracer's rays.
+fn emission(scene: &Scene, planar: &PlanarPolygon, polygon: &Polygon, level: u8) -> Emission {
+    let mesh = &scene.meshes[planar.mesh];
+    let material = material(scene, planar);
+    let lobe = match &material.lobe {
+        None => Lobe::Lambertian,
+        Some(scene::Lobe { window: Some(window), .. }) => window.light_in(polygon.frame()),
+        Some(lobe) => {
+            let peak = (mesh.transform.matrix3 * lobe.peak).normalize();
+            Lobe::Cosine { exponent: lobe.exponent, peak: polygon.frame().to_local(peak) }
+        }
+    };
+    Emission::new(level, picture(scene, planar, material, polygon, level), lobe)
 }
 
 /// Mean emitted radiance over each cell of the polygon's chart, u fastest.
@@ -55,10 +94,10 @@ fn picture(
     polygon: &Polygon,
     level: u8,
 ) -> Vec<[f32; 3]> {
-    let texture = material.emission_texture.map(|i| &scene.textures[i]);
+    let texture = material.emission_texture.map(|map| &scene.textures[map.texture]);
     let to_uv = texture.and_then(|_| texture_map(planar, polygon));
     let side = 1_usize << level;
-    let texels = texture.map_or(1, |t| t.width.max(t.height));
+    let texels = texture.map(Texture::size).map_or(1, |(width, height)| width.max(height));
     // A sample per texel; a clipped outline needs some even without a picture.
     let samples = texels.div_ceil(side).clamp(if polygon.fills_chart() { 1 } else { 8 }, 64);
     let size = polygon.size().unwrap_or_default();
@@ -72,7 +111,11 @@ fn picture(
                 continue;
             }
             sum += match (texture, &to_uv) {
-                (Some(texture), Some(map)) => texel(texture, (*map * point.extend(1.0)).truncate()),
+                (Some(texture), Some(map)) => {
+                    let uv = (*map * point.extend(1.0)).truncate();
+                    // The nearest texel: a picture averages many of them.
+                    texture.nearest(uv.as_vec2()).truncate()
+                }
                 _ => Vec3::ONE,
             };
         }
@@ -101,12 +144,6 @@ fn texture_map(planar: &PlanarPolygon, polygon: &Polygon) -> Option<DMat3> {
     })
 }
 
-/// The texel at `uv`, repeating; a picture averages many of them.
-fn texel(texture: &Texture, uv: DVec2) -> Vec3 {
-    let at = |x: f64, n: usize| ((x.rem_euclid(1.0) * n as f64) as usize).min(n - 1);
-    texture.texels[at(uv.y, texture.height) * texture.width + at(uv.x, texture.width)]
-}
-
 /// Whether a simple outline holds the point (even-odd rule).
 fn contains(outline: &[DVec2], p: DVec2) -> bool {
     (0..outline.len()).fold(false, |inside, i| {
@@ -120,13 +157,13 @@ fn contains(outline: &[DVec2], p: DVec2) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Mesh;
+    use crate::scene::{Map, Mesh};
 
     /// A texture of four texels on a square whose texture coordinates turn it by a
     /// quarter: the picture turns with them.
     #[test]
     fn a_picture_follows_the_texture_coordinates() {
-        let texels = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE].to_vec();
+        let texels = [Vec3::X, Vec3::Y, Vec3::Z, Vec3::ONE].map(|t| t.extend(1.0)).to_vec();
         let planar = PlanarPolygon {
             mesh: 0,
             name: "window".to_owned(),
@@ -136,12 +173,12 @@ mod tests {
         };
         let scene = Scene {
             meshes: vec![Mesh::default()],
-            textures: vec![Texture { width: 2, height: 2, texels }],
+            textures: vec![Texture::from_texels(2, 2, texels)],
             ..Scene::default()
         };
         let material = Material {
             emission: Vec3::splat(2.0),
-            emission_texture: Some(0),
+            emission_texture: Some(Map::of(0)),
             ..Material::default()
         };
         let polygon = Polygon::rectilinear(&planar.vertices).expect("a square");

@@ -7,13 +7,13 @@ use crate::scene::{
 use anyhow::{Context as _, bail};
 use wrt_core::{Phong, Polygon};
 
-pub(super) struct Receiver {
-    pub(super) planar: PlanarPolygon,
-    pub(super) polygon: Polygon,
-    pub(super) phong: Phong,
+pub(crate) struct Receiver {
+    pub(crate) planar: PlanarPolygon,
+    pub(crate) polygon: Polygon,
+    pub(crate) phong: Phong,
 }
 
-pub(super) fn receivers(
+pub(crate) fn receivers(
     scene: &Scene,
     warnings: &mut Vec<String>,
 ) -> anyhow::Result<Vec<Receiver>> {

@@ -3,7 +3,35 @@
 use clap::{Args as ClapArgs, ValueEnum};
 use std::path::PathBuf;
 
+/// What a picture holds, for `--help`.
+const MODELLED: &str = "\
+Modelled: emitters seen directly, with their lobes and textures; mirrors; glass, clear \
+or a thin pane, with Fresnel reflection; Phong reflection of punctual lights, with hard \
+shadows, range and cones; of area emitters, from the .wct file on surfaces with a patch, \
+elsewhere sampled, with shadows; a constant ambient term. Base-colour, emissive, normal, \
+occlusion and metallic-roughness textures, vertex colours, alpha by mask and blend, \
+unlit materials.
+
+Not modelled: shadows of objects on surfaces with a patch; light from surface to \
+surface but by mirrors and glass; refraction of shadow rays; clearcoat, sheen, \
+volumes, skins, morph targets; motion of anything but cameras. What a file has of \
+these is named in a warning.
+
+A .exr holds radiance in R, G, B and, of each pixel's centre, albedo.R/G/B, normals \
+N.X/Y/Z, positions P.X/Y/Z, depth along the camera's axis Z, mesh numbers id and \
+places on patches wct-uv.U/V.";
+
+/// How pictures become a film, for `--help`.
+const FILM: &str = "\
+A film from the pictures, for example:
+
+    ffmpeg -framerate 24 -i frame.%04d.png -c:v libx264 -crf 18 -pix_fmt yuv420p flight.mp4
+
+Ctrl-C finishes the rows begun and leaves the picture as far as it is beside the \
+others, as frame.0012.partial.png; run the command again to go on.";
+
 #[derive(Debug, ClapArgs)]
+#[command(after_long_help = MODELLED)]
 pub(crate) struct Render {
     /// Scene to render: .gltf, .glb or .obj.
     pub(crate) scene: PathBuf,
@@ -18,9 +46,39 @@ pub(crate) struct Render {
 
     #[command(flatten)]
     pub(crate) view: View,
+
+    #[command(flatten)]
+    pub(crate) reference: Reference,
+}
+
+/// The picture without wavelets.
+#[derive(Debug, ClapArgs)]
+#[command(next_help_heading = "Reference")]
+pub(crate) struct Reference {
+    /// Sample the emitters for every camera ray instead of looking patches up,
+    /// and print an estimate of the error.
+    ///
+    /// The same light as in a bake: straight from emitters to receivers, with
+    /// nothing in between, so no object throws a shadow on a receiver. All else is
+    /// as without this option: what differs is the error of the wavelets.
+    #[arg(long, conflicts_with = "wct")]
+    pub(crate) reference: bool,
+
+    /// Points sampled a pixel, shared by its camera rays, which are fewer if
+    /// there are not four points for each.
+    #[arg(long, value_name = "N", default_value_t = 256, requires = "reference",
+          value_parser = clap::value_parser!(u32).range(4..=1 << 22))]
+    pub(crate) spp: u32,
+
+    /// Sample until the relative RMS error of the pixels that show a receiver is
+    /// estimated to be below E, such as 0.01, instead of so many points.
+    #[arg(long, value_name = "E", requires = "reference", conflicts_with = "spp",
+          value_parser = error)]
+    pub(crate) error: Option<f64>,
 }
 
 #[derive(Debug, ClapArgs)]
+#[command(after_long_help = FILM)]
 pub(crate) struct Fly {
     /// Scene to fly through: .gltf, .glb or .obj.
     pub(crate) scene: PathBuf,
@@ -28,6 +86,10 @@ pub(crate) struct Fly {
     /// Animation to follow, by name; the file's first if not given.
     #[arg(long, value_name = "NAME")]
     pub(crate) animation: Option<String>,
+
+    /// Camera to look through, by name, where the animation moves several.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) camera: Option<String>,
 
     /// Pictures a second.
     #[arg(long, default_value_t = 24.0, value_parser = rate)]
@@ -45,6 +107,10 @@ pub(crate) struct Fly {
     /// frame.####.png. Those that exist already are skipped.
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: String,
+
+    /// Animated PNG to make of the pictures, which must be .png themselves.
+    #[arg(long, value_name = "FILE")]
+    pub(crate) video: Option<PathBuf>,
 
     #[command(flatten)]
     pub(crate) view: View,
@@ -65,10 +131,21 @@ pub(crate) struct View {
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) size: Option<(usize, usize)>,
 
-    /// Camera rays per pixel.
-    #[arg(long, visible_alias = "spp", value_name = "N", default_value_t = 16,
+    /// Part to render: left, top, right and bottom in pixels, the latter two
+    /// excluded. It is as in the whole picture.
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop)]
+    pub(crate) crop: Option<[usize; 4]>,
+
+    /// Camera rays per pixel; with --noise, at most.
+    #[arg(long, value_name = "N", default_value_t = 16,
           value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub(crate) samples: u32,
+
+    /// Sample each pixel as often as its standard error needs to be this part of its
+    /// radiance, or of 0.02 W m⁻² sr⁻¹ if it is darker. The first 8 rays of it and of
+    /// its neighbours say how often that is.
+    #[arg(long, value_name = "X", value_parser = noise)]
+    pub(crate) noise: Option<f32>,
 
     /// Exposure of a .png, in stops.
     #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
@@ -95,6 +172,10 @@ pub(crate) struct View {
     /// Another seed gives another noise, where there is any.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) seed: u64,
+
+    /// Print what it took as JSON.
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 /// How radiance is fitted to a display.
@@ -115,6 +196,28 @@ fn rate(text: &str) -> Result<f64, String> {
     }
 }
 
+fn noise(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(x) if 0.0 < x && x < 1.0 => Ok(x),
+        _ => Err("must be above 0 and below 1, such as 0.01".to_owned()),
+    }
+}
+
+fn crop(text: &str) -> Result<[usize; 4], String> {
+    let sides: Option<Vec<usize>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+    match sides.as_deref() {
+        Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok([x0, y0, x1, y1]),
+        _ => Err("must be X0,Y0,X1,Y1 in pixels with X0 < X1 and Y0 < Y1".to_owned()),
+    }
+}
+
+fn error(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(x) if (1e-5..1.0).contains(&x) => Ok(x),
+        _ => Err("must be a number from 1e-5 to below 1".to_owned()),
+    }
+}
+
 fn size(text: &str) -> Result<(usize, usize), String> {
     let side = |s: &str| s.parse().ok().filter(|n| (1..=65_536).contains(n));
     let parts = text.split_once('x').and_then(|(w, h)| Some((side(w)?, side(h)?)));
@@ -132,6 +235,14 @@ mod tests {
         assert_eq!(size("640x480"), Ok((640, 480)));
         for bad in ["640", "0x3", "axb", "70000x2", "65536x65536"] {
             assert!(size(bad).is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn crops_are_two_corners_in_order() {
+        assert_eq!(crop("1, 2,3,4"), Ok([1, 2, 3, 4]));
+        for bad in ["", "1,2,3", "1,2,1,4", "1,4,3,2", "-1,0,2,2", "1,2,3,4,5"] {
+            assert!(crop(bad).is_err(), "{bad}");
         }
     }
 }

@@ -12,12 +12,15 @@ pub(crate) struct Weather {
     /// `bake` had.
     ///
     /// Windows are the surfaces whose material has `extras.wrt.glazing`, or else all
-    /// that emit.
+    /// that emit; their emission gives the colour of the glass. See scenes/README.md.
     #[arg(long, value_enum, value_name = "MODEL")]
     sky: Option<Model>,
 
     /// Azimuth of the sun, from north (-Z) towards east (+X), and elevation, in degrees.
     /// Without --sky: a clear sky.
+    ///
+    /// Its light through clear glass is not baked: rays bring it when rendering, with
+    /// shadows. What the glazing scatters is baked.
     #[arg(long, value_name = "AZIMUTH,ELEVATION", allow_hyphen_values = true,
           value_parser = angles)]
     sun: Option<[f64; 2]>,

@@ -1,51 +1,113 @@
 //! `tracer fly`: the pictures of a camera's flight.
 
-use super::view::{Stage, named};
+use super::video;
+use super::view::{Meter, Stage, named};
 use crate::cli;
 use crate::film::Format;
-use crate::scene::flight;
-use anyhow::{Context as _, bail};
+use crate::scene::{Animation, flight};
+use anyhow::{Context as _, bail, ensure};
+use serde_json::json;
 use std::path::PathBuf;
-use std::time::Instant;
 
 /// Renders the pictures that do not exist yet.
 pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
     let pattern = Pattern::of(&args.output)?;
-    Format::of(&pattern.path(0))?;
+    let format = Format::of(&pattern.path(0))?;
+    if let Some(video) = &args.video {
+        ensure!(format == Format::Png, "--video needs pictures that are .png");
+        ensure!(Format::of(video)? == Format::Png, "{}: name it .png", video.display());
+    }
     let stage = Stage::open(&args.scene, &args.view)?;
-    let animations = &stage.scene.animations;
-    let animation = named(animations, args.animation.as_deref(), |a| &a.name, "animation")
-        .with_context(|| format!("{}", args.scene.display()))?;
+    let animation = animation(&stage, args).with_context(|| format!("{}", args.scene.display()))?;
     let times = flight::times(animation, args.fps);
     let last = times.len() - 1;
     let end = args.end.unwrap_or(last);
     if args.start > end || end > last {
         bail!("--start {} --end {end}: the flight has pictures 0 to {last}", args.start);
     }
-    let start = Instant::now();
-    let (mut rays, mut rendered) = (0, 0_u32);
-    let bar = super::bar((end - args.start + 1) as u64, "flying", "pictures");
-    for (i, time) in times.enumerate().skip(args.start).take(end - args.start + 1) {
-        let path = pattern.path(i);
-        if !path.exists() {
-            let camera = flight::camera_at(animation, &stage.scene, time);
-            let (film, stats) = stage.render(&camera, &|| {})?;
-            film.save(&path, stage.display())?;
-            rays += stats.rays;
-            rendered += 1;
+    let camera = &stage.scene.cameras[animation.camera];
+    let (_, height) = stage.size(camera);
+    let rows = args.view.crop.map_or(height, |[_, y0, _, y1]| y1 - y0);
+    let wanted: Vec<(PathBuf, f64)> = times
+        .enumerate()
+        .take(end + 1)
+        .skip(args.start)
+        .map(|(i, t)| (pattern.path(i), t))
+        .collect();
+    let missing: Vec<_> = wanted.iter().filter(|(path, _)| !path.exists()).collect();
+    let there = wanted.len() - missing.len();
+    let bar = super::bar((missing.len() * rows) as u64, "flying", "rows");
+    let meter = Meter::start();
+    let mut rendered = 0;
+    for (path, time) in &missing {
+        let camera = flight::camera_at(animation, &stage.scene, *time);
+        let picture = stage.render(&camera, format, &|rays| {
+            meter.count(rays, &bar);
+            bar.inc(1);
+        })?;
+        if !picture.is_whole() {
+            let extension = path.extension().unwrap_or_default().to_string_lossy();
+            let partial = path.with_extension(format!("partial.{extension}"));
+            picture.save(&partial, stage.display())?;
+            bar.finish_and_clear();
+            bail!(
+                "stopped with {rendered} pictures rendered and {} left, of which {} is begun; run the command again to go on",
+                missing.len() - rendered,
+                partial.display()
+            );
         }
-        bar.inc(1);
+        picture.save(path, stage.display())?;
+        rendered += 1;
+        if stage.is_stopped() {
+            break;
+        }
     }
     bar.finish_and_clear();
-    let seconds = start.elapsed().as_secs_f64();
+    if rendered < missing.len() {
+        bail!(
+            "stopped with {rendered} pictures rendered and {} left; run the command again to go on",
+            missing.len() - rendered
+        );
+    }
+    if let Some(path) = &args.video {
+        let frames: Vec<PathBuf> = wanted.iter().map(|(path, _)| path.clone()).collect();
+        video::write(path, &frames, args.fps)?;
+    }
+    let each = meter.seconds() / rendered.max(1) as f64;
+    if args.view.json {
+        let mut fields = meter.fields();
+        fields["output"] = json!(args.output);
+        fields["animation"] = json!(animation.name);
+        fields["size"] = json!(stage.size(camera));
+        fields["rendered"] = json!(rendered);
+        fields["skipped"] = json!(there);
+        fields["seconds_a_picture"] = json!(each);
+        println!("{fields}");
+        return Ok(());
+    }
     println!(
-        "{}: {rendered} pictures rendered, {} were there, {:.2} million rays in {seconds:.2} s, {:.2} s a picture",
+        "{}: {rendered} pictures rendered, {there} were there, {:.2} million rays in {:.2} s, {each:.2} s a picture",
         args.output,
-        (end - args.start + 1) - rendered as usize,
-        rays as f64 / 1e6,
-        seconds / f64::from(rendered.max(1))
+        meter.million_rays(),
+        meter.seconds(),
     );
     Ok(())
+}
+
+/// The animation of the wanted name that moves the wanted camera.
+fn animation<'a>(stage: &'a Stage<'_>, args: &cli::Fly) -> anyhow::Result<&'a Animation> {
+    let all = &stage.scene.animations;
+    let camera_of = |a: &Animation| stage.scene.cameras[a.camera].name.clone();
+    let Some(camera) = &args.camera else {
+        return named(all, args.animation.as_deref(), |a| &a.name, "animation");
+    };
+    let of_camera: Vec<&Animation> = all.iter().filter(|a| camera_of(a) == *camera).collect();
+    ensure!(
+        !of_camera.is_empty(),
+        "no animation moves a camera named {camera:?}; those that are moved: {}",
+        all.iter().map(camera_of).collect::<Vec<_>>().join(", ")
+    );
+    named(&of_camera, args.animation.as_deref(), |a| &a.name, "animation").copied()
 }
 
 /// A file name with a row of # for the picture's number.

@@ -1,6 +1,7 @@
 //! `tracer inspect`: what a `.wct` file holds, and the paper's pictures of it.
 
 mod matrix;
+mod smooth;
 
 use crate::cli;
 use crate::film::{Display, Format, Tone};
@@ -19,14 +20,17 @@ pub(crate) fn run(args: &cli::Inspect) -> anyhow::Result<()> {
     let mut file =
         WctFile::read(&args.file).with_context(|| format!("reading {}", args.file.display()))?;
     if let Some(name) = &args.patch {
-        let names: Vec<String> = file.patches.iter().map(|patch| patch.name.clone()).collect();
+        let smooth = file.smooth.iter().map(|patch| patch.name.clone());
+        let names: Vec<String> =
+            file.patches.iter().map(|patch| patch.name.clone()).chain(smooth).collect();
         file.patches.retain(|patch| patch.name == *name);
-        if file.patches.is_empty() {
+        file.smooth.retain(|patch| patch.name == *name);
+        if file.patches.is_empty() && file.smooth.is_empty() {
             let path = args.file.display();
             bail!("{path} has no patch \"{name}\"; it has {}", names.join(", "));
         }
     }
-    let drawn = draw(args, &file.patches)?;
+    let drawn = draw(args, &file)?;
     if args.json {
         println!("{:#}", json(&file, &drawn));
     } else {
@@ -72,11 +76,12 @@ impl std::fmt::Display for Drawn {
     }
 }
 
-fn draw(args: &cli::Inspect, patches: &[Patch]) -> anyhow::Result<Vec<Drawn>> {
+fn draw(args: &cli::Inspect, file: &WctFile) -> anyhow::Result<Vec<Drawn>> {
     if args.matrix.is_none() && args.detail.is_none() {
         return Ok(Vec::new());
     }
-    let mosaic = Mosaic::of(patches)
+    let smooth: Vec<Patch> = file.smooth.iter().map(smooth::drawn).collect();
+    let mosaic = Mosaic::of(if smooth.is_empty() { &file.patches } else { &smooth })
         .with_context(|| format!("drawing {}: it has no patches", args.file.display()))?;
     let mut drawn = Vec::new();
     let mut save = |path: &Path, picture: Picture| {
@@ -106,7 +111,8 @@ fn full(patch: &Patch) -> f64 {
 
 /// Bytes of its sections.
 fn bytes(patch: &Patch) -> usize {
-    4 * patch.tree.nodes().len() + 12 * patch.tree.coefficients().len()
+    let raw = 4 * patch.tree.nodes().len() + 12 * patch.tree.coefficients().len();
+    patch.tree.code().map_or(raw, <[u8]>::len)
 }
 
 fn side(patch: &Patch) -> &'static str {
@@ -138,7 +144,9 @@ fn json(file: &WctFile, drawn: &[Drawn]) -> Value {
             "coefficients": tree.len(),
             "kept": tree.len() as f64 / full(patch),
             "bytes": bytes(patch),
+            "storage": if tree.code().is_some() { "quantised" } else { "raw" },
             "relative_error": patch.relative_error,
+            "largest_error": tree.largest_error(),
             "error_estimate": patch.error_estimate,
             "energy": tree.norm_squared(),
             // E = 4 ∬ L dκ dλ, Eq. 12.
@@ -161,6 +169,7 @@ fn json(file: &WctFile, drawn: &[Drawn]) -> Value {
         "input_hash": file.input_hash,
         "options": file.options,
         "patches": file.patches.iter().map(patch).collect::<Vec<_>>(),
+        "smooth_patches": file.smooth.iter().map(smooth::json).collect::<Vec<_>>(),
         "pictures": drawn.iter().map(picture).collect::<Vec<_>>(),
     })
 }
@@ -221,7 +230,12 @@ fn table(file: &WctFile) -> String {
     {
         out += &format!("{what:<12}  {value}\n");
     }
-    out += &aligned(&rows);
+    if !file.patches.is_empty() || file.smooth.is_empty() {
+        out += &aligned(&rows);
+    }
+    if !file.smooth.is_empty() {
+        out += &aligned(&smooth::rows(&file.smooth));
+    }
     out
 }
 

@@ -1,17 +1,24 @@
 //! One file per subcommand: open, call, report. The only files that print.
 
 pub(crate) mod bake;
+pub(crate) mod convert;
 pub(crate) mod fly;
 pub(crate) mod inspect;
+mod interrupt;
 pub(crate) mod render;
+pub(crate) mod report;
 pub(crate) mod report_integrators;
+pub(crate) mod report_oracle;
+pub(crate) mod report_rays;
 pub(crate) mod transport;
+mod video;
 mod view;
 
 use crate::scene::{self, Scene};
 use anyhow::Context as _;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::Path;
+use wrt_core::wct_file::write_aside;
 
 /// Reads a scene and prints what it could not use of it.
 fn load(path: &Path) -> anyhow::Result<Scene> {
@@ -33,14 +40,13 @@ fn light_windows(scene: &mut Scene, weather: &crate::cli::Weather) -> anyhow::Re
 /// A progress bar on stderr, silent where that is no terminal.
 fn bar(length: u64, what: &'static str, unit: &str) -> ProgressBar {
     let template =
-        format!("{{msg:>9}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{eta}} left");
+        format!("{{msg:>14}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{eta}} left");
     let style =
         ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(length).with_style(style).with_message(what)
 }
 
-/// Runs `work` on a pool of so many threads; 0 is one per core.
-fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> anyhow::Result<T> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    Ok(pool.context("starting threads")?.install(work))
+/// Writes `text` whole or not at all.
+fn save(path: &Path, text: &str) -> anyhow::Result<()> {
+    write_aside(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
 }

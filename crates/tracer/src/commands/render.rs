@@ -1,30 +1,90 @@
 //! `tracer render`: a scene and a `.wct` file to a picture.
 
-use super::view::{Stage, named};
+use super::view::{Meter, Stage, named};
 use crate::cli;
 use crate::film::Format;
-use anyhow::Context as _;
-use std::time::Instant;
+use crate::reference::Target;
+use anyhow::{Context as _, bail, ensure};
+use serde_json::json;
 
 /// Renders and prints what it took.
 pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
-    Format::of(&args.output)?;
+    let format = Format::of(&args.output)?;
+    if args.reference.reference {
+        return run_reference(args);
+    }
     let stage = Stage::open(&args.scene, &args.view)?;
     let camera = named(&stage.scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")
         .with_context(|| format!("{}", args.scene.display()))?;
-    let start = Instant::now();
     let (width, height) = stage.size(camera);
-    let bar = super::bar(height as u64, "rendering", "rows");
-    let (film, stats) = stage.render(camera, &|| bar.inc(1))?;
+    let rows = args.view.crop.map_or(height, |[_, y0, _, y1]| y1 - y0);
+    let bar = super::bar(rows as u64, "rendering", "rows");
+    let meter = Meter::start();
+    let picture = stage.render(camera, format, &|rays| {
+        meter.count(rays, &bar);
+        bar.inc(1);
+    })?;
     bar.finish_and_clear();
-    film.save(&args.output, stage.display())?;
+    picture.save(&args.output, stage.display())?;
+    let output = args.output.display();
+    if !picture.is_whole() {
+        let left = picture.stats.rows_left;
+        bail!("{output}: stopped with {left} of {rows} rows left, which are black");
+    }
+    if args.view.json {
+        let mut fields = meter.fields();
+        fields["output"] = json!(output.to_string());
+        fields["camera"] = json!(camera.name);
+        fields["size"] = json!([width, height]);
+        fields["patches"] = json!(stage.patches());
+        fields["samples"] = json!(picture.stats.samples);
+        println!("{fields}");
+        return Ok(());
+    }
     println!(
-        "{}: {width}x{height}, camera {}, {} patches, {:.2} million rays in {:.2} s",
-        args.output.display(),
+        "{output}: {width}x{height}, camera {}, {} patches, {:.2} million rays in {:.2} s",
         camera.name,
         stage.patches(),
-        stats.rays as f64 / 1e6,
-        start.elapsed().as_secs_f64()
+        meter.million_rays(),
+        meter.seconds()
     );
+    Ok(())
+}
+
+/// Renders by sampling emitters, and prints the estimated error as well.
+fn run_reference(args: &cli::Render) -> anyhow::Result<()> {
+    ensure!(args.view.noise.is_none(), "--noise is not for --reference: use --error");
+    let stage = Stage::without_radiance(&args.scene, &args.view)?;
+    let camera = named(&stage.scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")
+        .with_context(|| format!("{}", args.scene.display()))?;
+    let meter = Meter::start();
+    let (width, height) = stage.size(camera);
+    let target = args.reference.error.map_or(Target::Samples(args.reference.spp), Target::Error);
+    let bar = super::bar(0, "sampling", "rows");
+    let (film, stats, estimate) = stage
+        .render_reference(camera, target, &|rays| {
+            meter.count(rays, &bar);
+            bar.inc(1);
+        })
+        .with_context(|| format!("{}", args.scene.display()))?;
+    bar.finish_and_clear();
+    film.save(&args.output, stage.display())?;
+    if stats.rows_left > 0 {
+        bail!("{}: stopped before its end: too dark in places", args.output.display());
+    }
+    println!(
+        "{}: {width}x{height}, camera {}, {} points a pixel, {:.2} million rays in {:.2} s, error {:.3} % relative RMS, estimated",
+        args.output.display(),
+        camera.name,
+        estimate.points,
+        stats.rays as f64 / 1e6,
+        meter.seconds(),
+        100.0 * estimate.relative
+    );
+    if let Some(wanted) = args.reference.error.filter(|wanted| estimate.relative > *wanted) {
+        eprintln!(
+            "tracer: warning: --error {wanted} is not reached with the most points there are"
+        );
+    }
     Ok(())
 }

@@ -3,6 +3,7 @@
 
 use crate::cli::Integrators;
 use crate::plot::{Curve, Plot};
+use crate::report::time_to;
 use anyhow::Context;
 use cpu_time::ThreadTime;
 use glam::{DQuat, DVec3};
@@ -205,7 +206,7 @@ fn reference_method() -> anyhow::Result<Method> {
 }
 
 /// Unit squares, the destination a floor of normal +y.
-fn geometries() -> anyhow::Result<Vec<(&'static str, TransportGeometry)>> {
+pub(super) fn geometries() -> anyhow::Result<Vec<(&'static str, TransportGeometry)>> {
     let floor = Polygon::rectangle(DVec3::ZERO, DVec3::Z, DVec3::X)?;
     let source = |origin, u, v| -> anyhow::Result<TransportGeometry> {
         Ok(TransportGeometry::new(Polygon::rectangle(origin, u, v)?, floor.clone()))
@@ -238,10 +239,7 @@ fn brightest(geometry: &TransportGeometry, level: u8) -> anyhow::Result<Support>
 
 /// Writes the table of measurements and the four plots.
 fn write(folder: &Path, problems: &[Problem], measurements: &[Measurement]) -> anyhow::Result<()> {
-    let save = |name: &str, text: &str| {
-        let path = folder.join(name);
-        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
-    };
+    let save = |name: &str, text: &str| super::save(&folder.join(name), text);
     fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let mut csv = String::from(
         "geometry,j,method,samples,evaluations,cpu_seconds,red,rmd,claimed_red,reference_error\n",
@@ -359,16 +357,6 @@ fn summary(problems: usize, measurements: &[Measurement]) -> String {
     format!("{text}\n{}\n{winners}\n", rows.join("\n"))
 }
 
-/// CPU seconds at which `runs` (seconds and RED, by increasing count) come below
-/// `target` to stay, between two counts by a power law; `None` if they do not.
-fn time_to(runs: &[[f64; 2]], target: f64) -> Option<f64> {
-    let above = runs.iter().rposition(|run| run[1] > target);
-    let Some(above) = above else { return runs.first().map(|run| run[0]) };
-    let ([t0, e0], [t1, e1]) = (runs[above], *runs.get(above + 1)?);
-    let along = (e0 / target).ln() / (e0 / e1).ln();
-    Some(t0 * (t1 / t0).powf(along))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -399,15 +387,5 @@ mod tests {
                 assert!(method.is_ok(), "{method:?}");
             }
         }
-    }
-
-    #[test]
-    fn a_power_law_is_interpolated_exactly() {
-        let runs = [1.0, 4.0, 16.0, 64.0].map(|t: f64| [t, 1.0 / t]);
-        assert!((time_to(&runs, 0.1).expect("reached") - 10.0).abs() < 1e-12, "1 / 0.1");
-        assert_eq!(time_to(&runs, 1e-3), None, "64 s reach 1/64");
-        // A lucky hit is not arriving.
-        let lucky = [[1.0, 1e-9], [2.0, 0.5], [4.0, 0.25]];
-        assert_eq!(time_to(&lucky, 0.25), Some(4.0));
     }
 }

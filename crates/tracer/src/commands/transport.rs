@@ -3,8 +3,8 @@
 //! A case that cannot be computed gets an `error` in the output, beside the
 //! others' results; only a file that is no JSON at all fails the command.
 
-use super::with_threads;
 use crate::cli;
+use crate::threads::in_pool;
 use anyhow::{Context as _, bail};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -117,7 +117,7 @@ pub(crate) fn run(args: &cli::Transport) -> anyhow::Result<()> {
     let text = without_non_numbers(&text);
     let input: Input<'_> =
         serde_json::from_str(&text).with_context(|| format!("{name} is no list of cases"))?;
-    let cases = with_threads(args.threads, || {
+    let cases = in_pool(args.threads, || {
         input.cases.par_iter().map(|case| compute(case.get(), &rule)).collect()
     })?;
     let mut out = std::io::stdout().lock();

@@ -2,14 +2,20 @@
 
 use crate::accel::Accel;
 use crate::cli;
-use crate::film::{Display, Film, Tone};
-use crate::render::{RenderOptions, RenderStats, render};
-use crate::scene::{Camera, Scene, surfaces};
+use crate::film::{Display, Film, Format, Layers, Metadata, Tone};
+use crate::reference::{Estimate, Lighting, ReferenceOptions, Target, render_reference};
+use crate::render::{Crop, RenderOptions, RenderStats, layers, render};
+use crate::scene::{Camera, Projection, Scene, surfaces};
 use crate::wct_texture::WctTexture;
 use crate::whitted::PatchRadiance;
-use anyhow::Context as _;
-use glam::Vec3;
-use std::path::Path;
+use anyhow::{Context as _, ensure};
+use cpu_time::ProcessTime;
+use glam::{DMat4, Vec3};
+use indicatif::ProgressBar;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
 use wrt_core::WctFile;
 
 /// A scene to look at.
@@ -19,6 +25,28 @@ pub(super) struct Stage<'a> {
     /// `None` where nothing emits or nothing receives.
     texture: Option<WctTexture>,
     view: &'a cli::View,
+    path: PathBuf,
+    stop: &'static AtomicBool,
+}
+
+/// One picture, rendered as far as it was wanted.
+pub(super) struct Picture {
+    film: Film,
+    layers: Option<Layers>,
+    metadata: Metadata,
+    pub(super) stats: RenderStats,
+}
+
+impl Picture {
+    /// Whether all of it is there.
+    pub(super) fn is_whole(&self) -> bool {
+        self.stats.rows_left == 0
+    }
+
+    /// Writes it to `path`.
+    pub(super) fn save(&self, path: &Path, display: Display) -> anyhow::Result<()> {
+        self.film.save_with(path, display, self.layers.as_ref(), Some(&self.metadata))
+    }
 }
 
 impl<'a> Stage<'a> {
@@ -27,10 +55,17 @@ impl<'a> Stage<'a> {
         let mut scene = super::load(path)?;
         super::light_windows(&mut scene, &view.weather)
             .with_context(|| format!("{}", path.display()))?;
+        if scene.meshes.iter().all(|mesh| mesh.triangles.is_empty()) {
+            eprintln!("tracer: warning: {}: nothing to see: no triangles", path.display());
+        } else if scene.light_default() {
+            eprintln!(
+                "tracer: the scene has no light: a default one shines from behind the first camera"
+            );
+        }
         let texture = match &view.wct {
             Some(path) => WctFile::read(path)
                 .map_err(anyhow::Error::from)
-                .and_then(|file| WctTexture::bind(&file.patches, &scene))
+                .and_then(|file| WctTexture::bind(&file.patches, &file.smooth, &scene))
                 .map(Some)
                 .with_context(|| format!("{}", path.display()))?,
             None if surfaces::emitters(&scene).is_empty()
@@ -41,34 +76,108 @@ impl<'a> Stage<'a> {
             }
             None => {
                 eprintln!("tracer: no --wct given: baking in memory first");
-                let options = super::bake::options(&cli::Accuracy::default());
+                let options = super::bake::options(&cli::Accuracy::default(), false)?;
                 let baked = super::bake::baked(&scene, &options, view.threads)
                     .with_context(|| format!("baking {}", path.display()))?;
-                Some(WctTexture::bind(&baked.patches, &scene)?)
+                Some(WctTexture::bind(&baked.patches, &baked.smooth, &scene)?)
             }
         };
-        Ok(Self { accel: Accel::new(&scene), scene, texture, view })
+        let (path, stop) = (path.to_owned(), super::interrupt::listen());
+        Ok(Self { accel: Accel::new(&scene), scene, texture, view, path, stop })
     }
 
-    /// What `camera` sees; `progress` is called after each row.
+    /// Loads the scene to be rendered without wavelets.
+    pub(super) fn without_radiance(path: &Path, view: &'a cli::View) -> anyhow::Result<Self> {
+        let scene = super::load(path)?;
+        let (path, stop) = (path.to_owned(), super::interrupt::listen());
+        Ok(Self { accel: Accel::new(&scene), scene, texture: None, view, path, stop })
+    }
+
+    /// What `camera` sees, for a file of `format`; `progress` is called after each
+    /// row with the rays it took.
     pub(super) fn render(
         &self,
         camera: &Camera,
-        progress: &(dyn Fn() + Sync),
-    ) -> anyhow::Result<(Film, RenderStats)> {
+        format: Format,
+        progress: &(dyn Fn(u64) + Sync),
+    ) -> anyhow::Result<Picture> {
+        let options = self.options(camera)?;
+        let patches = self.texture.as_ref().map(|texture| texture as &dyn PatchRadiance);
+        let (scene, accel) = (&self.scene, &self.accel);
+        let (film, stats) = render(scene, accel, patches, camera, &options, progress)?;
+        let layers = match format {
+            Format::Png => None,
+            Format::Exr => Some(layers(scene, accel, patches, camera, &options)?),
+        };
+        let yfov = match camera.projection {
+            Projection::Perspective { yfov } => Some(yfov),
+            Projection::Orthographic { .. } => None,
+        };
+        let metadata = Metadata {
+            camera: camera.name.clone(),
+            view: DMat4::from(camera.transform.inverse()),
+            yfov,
+            samples: options.samples,
+            settings: self.settings().to_string(),
+        };
+        Ok(Picture { film, layers, metadata, stats })
+    }
+
+    /// What `camera` sees where emitters are sampled in place of patches.
+    pub(super) fn render_reference(
+        &self,
+        camera: &Camera,
+        target: Target,
+        progress: &(dyn Fn(u64) + Sync),
+    ) -> anyhow::Result<(Film, RenderStats, Estimate)> {
+        let lighting = Lighting::new(&self.scene)?;
+        let options = ReferenceOptions { render: self.options(camera)?, target };
+        render_reference(&self.scene, &self.accel, &lighting, camera, &options, progress)
+    }
+
+    fn options(&self, camera: &Camera) -> anyhow::Result<RenderOptions> {
         let (width, height) = self.size(camera);
-        let options = RenderOptions {
+        let crop = match self.view.crop {
+            Some([x0, y0, x1, y1]) => {
+                ensure!(
+                    x1 <= width && y1 <= height,
+                    "--crop {x0},{y0},{x1},{y1} reaches past the picture of {width}x{height}"
+                );
+                Some(Crop { left: x0, top: y0, width: x1 - x0, height: y1 - y0 })
+            }
+            None => None,
+        };
+        Ok(RenderOptions {
             width,
             height,
+            crop,
             samples: self.view.samples,
+            noise: self.view.noise,
             max_depth: self.view.depth,
             emitter_grid: self.view.emitter_grid as usize,
             threads: self.view.threads,
             seed: self.view.seed,
             background: Vec3::ZERO,
-        };
-        let patches = self.texture.as_ref().map(|texture| texture as &dyn PatchRadiance);
-        render(&self.scene, &self.accel, patches, camera, &options, progress)
+            stop: Some(self.stop),
+        })
+    }
+
+    /// Whether Ctrl-C was pressed.
+    pub(super) fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+
+    fn settings(&self) -> Value {
+        let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned());
+        json!({
+            "scene": name(&self.path),
+            "wct": self.view.wct.as_deref().and_then(name),
+            "samples": self.view.samples,
+            "noise": self.view.noise,
+            "depth": self.view.depth,
+            "emitter_grid": self.view.emitter_grid,
+            "seed": self.view.seed,
+        })
     }
 
     /// Pixels across and down.
@@ -117,4 +226,43 @@ pub(super) fn named<'a, T>(
             ),
         }
     })
+}
+
+/// What pictures took, so far.
+pub(super) struct Meter {
+    start: Instant,
+    cpu: ProcessTime,
+    rays: AtomicU64,
+}
+
+impl Meter {
+    pub(super) fn start() -> Self {
+        Self { start: Instant::now(), cpu: ProcessTime::now(), rays: AtomicU64::new(0) }
+    }
+
+    /// Counts `rays`, and shows their rate in `bar`.
+    pub(super) fn count(&self, rays: u64, bar: &ProgressBar) {
+        let rays = self.rays.fetch_add(rays, Ordering::Relaxed) + rays;
+        bar.set_message(format!("{:.2} Mrays/s", rays as f64 / 1e6 / self.seconds()));
+    }
+
+    /// Wall-clock seconds.
+    pub(super) fn seconds(&self) -> f64 {
+        self.start.elapsed().as_secs_f64()
+    }
+
+    /// All rays counted, in millions.
+    pub(super) fn million_rays(&self) -> f64 {
+        self.rays.load(Ordering::Relaxed) as f64 / 1e6
+    }
+
+    /// As JSON fields.
+    pub(super) fn fields(&self) -> Value {
+        json!({
+            "rays": self.rays.load(Ordering::Relaxed),
+            "seconds": self.seconds(),
+            "cpu_seconds": self.cpu.elapsed().as_secs_f64(),
+            "mrays_per_second": self.million_rays() / self.seconds(),
+        })
+    }
 }

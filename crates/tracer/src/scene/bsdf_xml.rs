@@ -40,15 +40,15 @@ fn parse(text: &str) -> anyhow::Result<Bsdf> {
     let structure = text_of(child(definition, "IncidentDataStructure")?)?;
     let (block, direction) = transmission(layer)?;
     let data = child(block, "ScatteringData")?;
-    let reversed = direction == "Transmission Back";
-    match structure {
-        "Columns" | "Rows" => matrix(definition, block, data, structure == "Rows", reversed),
-        "TensorTree3" => tensor::read(text_of(data)?, 3, reversed).with_context(|| name(data)),
-        "TensorTree4" => tensor::read(text_of(data)?, 4, reversed).with_context(|| name(data)),
+    let bsdf = match structure {
+        "Columns" | "Rows" => matrix(definition, block, data, structure == "Rows"),
+        "TensorTree3" => tensor::read(text_of(data)?, 3).with_context(|| name(data)),
+        "TensorTree4" => tensor::read(text_of(data)?, 4).with_context(|| name(data)),
         other => bail!(
             "<IncidentDataStructure> is \"{other}\": Columns, Rows, TensorTree3 and TensorTree4 are read"
         ),
-    }
+    }?;
+    Ok(if direction == "Transmission Back" { bsdf.reciprocal() } else { bsdf })
 }
 
 /// The block of the light that passes, and its direction.
@@ -82,7 +82,6 @@ fn matrix(
     block: Node<'_, '_>,
     data: Node<'_, '_>,
     rows: bool,
-    reversed: bool,
 ) -> anyhow::Result<Bsdf> {
     let [column, row] = ["ColumnAngleBasis", "RowAngleBasis"].map(|basis| {
         let named = child(block, basis)?;
@@ -103,8 +102,7 @@ fn matrix(
         "<ScatteringData>: {} values, where the angle bases need {count}",
         table.len()
     );
-    // Reciprocity makes columns of rows, and so does the other structure.
-    let (incident, outgoing, values) = if rows != reversed {
+    let (incident, outgoing, values) = if rows {
         let turned = (0..count).map(|i| table[i % row.len() * columns + i / row.len()]).collect();
         (row, column, turned)
     } else {

@@ -150,6 +150,7 @@ impl MaterialExtras {
             );
             (material.kd, material.ks, material.exponent) = (kd, ks, *n);
             material.mirror = false;
+            material.metallic = None;
         }
         if let Some(Emission { exponent, peak }) = &self.emission {
             ensure!(

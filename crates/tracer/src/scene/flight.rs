@@ -54,6 +54,7 @@ fn between(from: &DAffine3, to: &DAffine3, t: f64) -> DAffine3 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Projection;
     use super::*;
     use glam::DVec3;
     use std::f64::consts::FRAC_PI_2;
@@ -66,7 +67,8 @@ mod tests {
         let keys = vec![(1.0, place(0.0, 0.0)), (3.0, place(FRAC_PI_2, 4.0))];
         let animation = Animation { name: "turn".into(), camera: 0, duration: 3.0, keys };
         let transform = DAffine3::IDENTITY;
-        let camera = Camera { name: "eye".into(), transform, yfov: 1.0, aspect: Some(1.5) };
+        let projection = Projection::Perspective { yfov: 1.0 };
+        let camera = Camera { name: "eye".into(), transform, projection, aspect: Some(1.5) };
         (animation, Scene { cameras: vec![camera], ..Scene::default() })
     }
 
@@ -74,7 +76,7 @@ mod tests {
     fn half_way_is_half_the_turn_and_half_the_line() {
         let (animation, scene) = quarter_turn();
         let camera = camera_at(&animation, &scene, 2.0);
-        assert_eq!((camera.name.as_str(), camera.yfov, camera.aspect), ("eye", 1.0, Some(1.5)));
+        assert_eq!((camera.name.as_str(), camera.aspect), ("eye", Some(1.5)));
         let view = camera.transform.transform_vector3(DVec3::NEG_Z);
         let expected = DVec3::new(-1.0, 0.0, -1.0).normalize();
         assert!(view.abs_diff_eq(expected, 1e-12), "{view}");

@@ -14,7 +14,7 @@ mod primitive;
 
 use super::extras::{self, NodeExtras, SceneExtras};
 use super::load::{Names, Warnings};
-use super::{Camera, LightKind, Loaded, Material, Mesh, PunctualLight, Scene};
+use super::{Camera, LightKind, Loaded, Material, Mesh, Projection, PunctualLight, Scene};
 use ::gltf::json::camera::Type as CameraType;
 use ::gltf::json::extensions::scene::khr_lights_punctual::{Light, Type as LightType};
 use ::gltf::json::{Camera as JsonCamera, Root};
@@ -22,7 +22,7 @@ use accessor::Buffers;
 use anyhow::{Context as _, ensure};
 use document::{get, valid};
 use glam::{DAffine3, DVec3, Vec3};
-use material::{TextureCoordinates, Textures};
+use material::Textures;
 use nodes::{Hierarchy, label, rigid};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
@@ -85,8 +85,6 @@ struct Builder<'a> {
     root: &'a Root,
     buffers: &'a Buffers<'a>,
     scene: Scene,
-    /// The texture coordinates of each of the file's materials.
-    coordinates: Vec<TextureCoordinates>,
     /// Index of the material of primitives that name none, once there is one.
     plain: Option<usize>,
     /// The node of each of the scene's cameras.
@@ -105,29 +103,16 @@ impl<'a> Builder<'a> {
     ) -> anyhow::Result<Self> {
         let mut textures = Textures::new(root, buffers, directory);
         let mut scene = Scene::default();
-        let mut coordinates = Vec::with_capacity(root.materials.len());
         for (i, json) in root.materials.iter().enumerate() {
             let owner = match &json.name {
                 Some(name) => format!("material {name:?}"),
                 None => format!("material {i}"),
             };
-            let (material, used) =
-                material::read(json, &owner, &mut textures, &mut warnings).context(owner)?;
-            scene.materials.push(material);
-            coordinates.push(used);
+            let material = material::read(json, &owner, &mut textures, &mut warnings);
+            scene.materials.push(material.context(owner)?);
         }
         let (plain, names, camera_nodes) = (None, Names::default(), Vec::new());
-        Ok(Self {
-            root,
-            buffers,
-            scene,
-            coordinates,
-            plain,
-            camera_nodes,
-            textures,
-            names,
-            warnings,
-        })
+        Ok(Self { root, buffers, scene, plain, camera_nodes, textures, names, warnings })
     }
 
     /// Adds what `node` carries.
@@ -147,13 +132,8 @@ impl<'a> Builder<'a> {
             let camera = get(self.root, index, "camera")?;
             let number = self.scene.cameras.len().to_string();
             let name = json.name.clone().or(camera.name.clone()).unwrap_or(number);
-            match perspective(camera, name, &world)? {
-                Some(camera) => {
-                    self.scene.cameras.push(camera);
-                    self.camera_nodes.push(node);
-                }
-                None => self.warnings.ignored("orthographic cameras", &owner),
-            }
+            self.scene.cameras.push(camera_of(camera, name, &world)?);
+            self.camera_nodes.push(node);
         }
         let light = json.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref());
         if let Some(light) = light {
@@ -181,10 +161,8 @@ impl<'a> Builder<'a> {
                 }
                 None => self.plain_material(),
             };
-            let coordinates = self.coordinates.get(material).copied().unwrap_or_default();
             let warnings = &mut self.warnings;
-            let read =
-                primitive::read(self.buffers, primitive, world, &coordinates, &owner, warnings);
+            let read = primitive::read(self.buffers, primitive, world, &owner, warnings);
             if let Some(mesh) = read.with_context(|| format!("primitive {i}"))? {
                 let name = self.names.unique(&name);
                 self.scene.meshes.push(Mesh { name, material, receiver, ..mesh });
@@ -205,25 +183,28 @@ impl<'a> Builder<'a> {
     }
 }
 
-/// A perspective camera, or `None` for an orthographic one.
-fn perspective(
-    json: &JsonCamera,
-    name: String,
-    world: &DAffine3,
-) -> anyhow::Result<Option<Camera>> {
-    if valid(&json.type_, "type")? == CameraType::Orthographic {
-        return Ok(None);
-    }
-    let perspective = json.perspective.as_ref().context("its camera has no perspective")?;
-    let yfov = f64::from(perspective.yfov);
-    ensure!(yfov > 0.0 && yfov < PI, "yfov is {yfov}, outside 0 to π");
-    let aspect = perspective.aspect_ratio.map(f64::from);
+fn camera_of(json: &JsonCamera, name: String, world: &DAffine3) -> anyhow::Result<Camera> {
+    let (projection, aspect) = match valid(&json.type_, "type")? {
+        CameraType::Perspective => {
+            let camera = json.perspective.as_ref().context("its camera has no perspective")?;
+            let yfov = f64::from(camera.yfov);
+            ensure!(yfov > 0.0 && yfov < PI, "yfov is {yfov}, outside 0 to π");
+            (Projection::Perspective { yfov }, camera.aspect_ratio.map(f64::from))
+        }
+        CameraType::Orthographic => {
+            let camera = json.orthographic.as_ref().context("its camera has no orthographic")?;
+            // Some exporters turn the picture over by a negative size.
+            let [x, y] = [camera.xmag, camera.ymag].map(|m| f64::from(m).abs());
+            ensure!(y > 0.0 && y.is_finite(), "ymag is {y}, which no picture has");
+            (Projection::Orthographic { half_height: y }, Some(x / y))
+        }
+    };
     ensure!(
         aspect.is_none_or(|a| a > 0.0 && a.is_finite()),
-        "aspectRatio is {aspect:?}, which no picture has"
+        "its aspect ratio is {aspect:?}, which no picture has"
     );
     let transform = rigid(world).context("its camera has no direction: it is scaled to nothing")?;
-    Ok(Some(Camera { name, transform, yfov, aspect }))
+    Ok(Camera { name, transform, projection, aspect })
 }
 
 fn punctual(json: &Light, world: &DAffine3) -> anyhow::Result<PunctualLight> {

@@ -1,6 +1,6 @@
 //! A scene file of any known format, and what its loaders share.
 
-use super::{Camera, Scene};
+use super::{Camera, LightKind, Material, Projection, PunctualLight, Scene};
 use anyhow::Context as _;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::collections::HashMap;
@@ -53,7 +53,7 @@ pub(crate) fn load(path: &Path) -> anyhow::Result<Loaded> {
     Ok(loaded)
 }
 
-/// A camera that sees every mesh, from the front (+z) and above.
+/// A camera that sees every mesh, from the front (+z), the right and above.
 fn overview(scene: &Scene) -> Camera {
     let positions = || scene.meshes.iter().flat_map(|m| &m.positions);
     let low = positions().copied().reduce(DVec3::min).unwrap_or(DVec3::NEG_ONE);
@@ -61,13 +61,43 @@ fn overview(scene: &Scene) -> Camera {
     let radius = 0.5 * (high - low).length();
     let radius = if radius > 0.0 { radius } else { 1.0 };
     let yfov = 40.0_f64.to_radians();
-    let back = DVec3::new(0.0, 0.5, 1.0).normalize();
+    // Not along an axis, from where flat things are seen edge on.
+    let back = DVec3::new(0.5, 0.5, 1.0).normalize();
     // The sphere about the bounding box touches the frustum's planes.
     let eye = 0.5 * (low + high) + radius / (0.5 * yfov).sin() * back;
     let right = DVec3::Y.cross(back).normalize();
     let axes = DMat3::from_cols(right, back.cross(right), back);
     let transform = DAffine3::from_mat3_translation(axes, eye);
-    Camera { name: "default".to_owned(), transform, yfov, aspect: None }
+    let projection = Projection::Perspective { yfov };
+    Camera { name: "default".to_owned(), transform, projection, aspect: None }
+}
+
+impl Scene {
+    /// Gives a scene without any light three that shine from about the first camera,
+    /// and some from all round; says whether it did.
+    ///
+    /// A white surface that looks over the camera's left shoulder is shown as white.
+    pub(crate) fn light_default(&mut self) -> bool {
+        const AMBIENT: f32 = 0.2;
+        /// Where light travels, in the camera's axes, and its irradiance over π: from
+        /// over the left shoulder, from the right, and from behind for the outlines.
+        const LIGHTS: [([f64; 3], f32); 3] =
+            [([0.4, -0.6, -1.0], 0.6), ([-1.0, -0.1, -0.6], 0.3), ([0.2, -1.0, 0.8], 0.4)];
+        let shines = |m: &Material| m.emission != Vec3::ZERO || m.unlit;
+        let lit = !self.lights.is_empty()
+            || self.ambient != Vec3::ZERO
+            || self.meshes.iter().any(|mesh| shines(&self.materials[mesh.material]));
+        let Some(camera) = self.cameras.first().filter(|_| !lit) else { return false };
+        self.ambient = Vec3::splat(AMBIENT);
+        self.lights.extend(LIGHTS.map(|(direction, irradiance)| PunctualLight {
+            intensity: Vec3::splat(irradiance * std::f32::consts::PI),
+            position: camera.transform.translation,
+            direction: camera.transform.transform_vector3(direction.into()).normalize(),
+            kind: LightKind::Directional,
+            range: None,
+        }));
+        true
+    }
 }
 
 /// Scales `kd` and `ks` by one factor, so that no channel reflects more than it
@@ -164,7 +194,8 @@ mod tests {
         let positions: Vec<DVec3> = (0..8).map(corners).collect();
         let mesh = Mesh { positions: positions.clone(), ..Mesh::default() };
         let camera = overview(&Scene { meshes: vec![mesh], ..Scene::default() });
-        let tangent = (0.5 * camera.yfov).tan();
+        let Projection::Perspective { yfov } = camera.projection else { panic!("{camera:?}") };
+        let tangent = (0.5 * yfov).tan();
         for p in positions {
             let q = camera.transform.inverse().transform_point3(p);
             assert!(q.z < 0.0, "{p} is behind the camera");
@@ -173,6 +204,21 @@ mod tests {
         }
         assert!(camera.transform.translation.y > 2.0, "not from above");
         assert!(camera.transform.translation.z > 11.0, "not from the front");
+    }
+
+    #[test]
+    fn a_scene_without_light_gets_one() {
+        let mesh = Mesh::default();
+        let mut scene =
+            Scene { meshes: vec![mesh], materials: vec![Material::default()], ..Scene::default() };
+        scene.cameras.push(overview(&scene));
+        assert!(scene.light_default() && scene.lights.len() == 3, "{scene:?}");
+        assert!(scene.lights[0].direction.y < 0.0, "from above");
+        assert!(!scene.light_default(), "now it has one");
+        scene.lights.clear();
+        scene.ambient = Vec3::ZERO;
+        scene.materials[0].emission = Vec3::X;
+        assert!(!scene.light_default(), "it shines itself");
     }
 
     #[test]

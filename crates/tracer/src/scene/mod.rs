@@ -4,18 +4,23 @@
 //! linear Rec. 709; radiance is in W m⁻² sr⁻¹.
 
 mod bsdf_xml;
+mod cutout;
 mod extras;
 pub(crate) mod flight;
 mod gltf;
 mod load;
+mod metallic;
 mod obj;
 pub(crate) mod surfaces;
 mod texture;
 pub(crate) mod weather;
 
+pub(crate) use cutout::Cutout;
 pub(crate) use load::{Loaded, load};
+pub(crate) use metallic::MetallicRoughness;
+pub(crate) use texture::{Encoding, Texture, Wrap};
 
-use glam::{DAffine3, DVec3, Vec2, Vec3};
+use glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
 use std::path::PathBuf;
 use wrt_core::{Frame, Glazing, Sky};
 
@@ -43,8 +48,14 @@ pub(crate) struct Mesh {
     pub(crate) positions: Vec<DVec3>,
     /// Unit shading normals, one a vertex; empty for flat shading.
     pub(crate) normals: Vec<Vec3>,
-    /// Texture coordinates, one a vertex; empty if there are none.
-    pub(crate) uvs: Vec<Vec2>,
+    /// Texture coordinates of sets 0 and 1, one a vertex; empty if there are none.
+    pub(crate) uvs: [Vec<Vec2>; 2],
+    /// Linear colours and alpha that multiply the material's, one a vertex; empty
+    /// for white.
+    pub(crate) colours: Vec<Vec4>,
+    /// Unit tangents of the normal map, w the bitangent's sign; empty where they
+    /// follow from the texture coordinates.
+    pub(crate) tangents: Vec<Vec4>,
     /// Counter-clockwise seen from the front.
     pub(crate) triangles: Vec<[u32; 3]>,
     /// Index into [`Scene::materials`].
@@ -65,10 +76,21 @@ pub(crate) struct Material {
     pub(crate) ks: Vec3,
     /// Phong exponent n ≥ 0.
     pub(crate) exponent: f32,
-    pub(crate) base_texture: Option<usize>,
+    pub(crate) base_texture: Option<Map>,
+    /// What k_d, k_s and n follow from at each point, where textures make more
+    /// than k_d vary. The values above are then those of the textures' means.
+    pub(crate) metallic: Option<MetallicRoughness>,
+    /// Tangent-space normals, and what scales their x and y.
+    pub(crate) normal_map: Option<(Map, f32)>,
+    /// Reduces the ambient term: the red channel, and how much of it counts.
+    pub(crate) occlusion: Option<(Map, f32)>,
+    pub(crate) alpha: Alpha,
+    /// Shows its base colour as it is: it radiates that and reflects nothing, nor
+    /// does it light anything.
+    pub(crate) unlit: bool,
     /// Radiance emitted at the lobe's peak, multiplied by `emission_texture`.
     pub(crate) emission: Vec3,
-    pub(crate) emission_texture: Option<usize>,
+    pub(crate) emission_texture: Option<Map>,
     /// `None`: Lambertian.
     pub(crate) lobe: Option<Lobe>,
     /// What a window lets through of the light from outside.
@@ -91,6 +113,11 @@ impl Default for Material {
             ks: Vec3::ZERO,
             exponent: 0.0,
             base_texture: None,
+            metallic: None,
+            normal_map: None,
+            occlusion: None,
+            alpha: Alpha::Opaque,
+            unlit: false,
             emission: Vec3::ZERO,
             emission_texture: None,
             lobe: None,
@@ -120,31 +147,82 @@ pub(crate) struct Lobe {
 pub(crate) struct Window {
     /// Its normal is the window's inner one, ŷ points as far up as it can.
     pub(crate) frame: Frame,
-    /// All of the light.
+    /// All of the light but sunlight that goes straight through clear glass.
     pub(crate) light: wrt_core::Lobe,
-    /// What of it can be seen without a beam in it: all but sunlight through clear glass.
-    pub(crate) diffuse: wrt_core::Lobe,
+    pub(crate) sunlight: Option<Sunlight>,
 }
 
-/// Linear RGB texels, row 0 at v = 0 (glTF's top).
-#[derive(Clone, Debug)]
-pub(crate) struct Texture {
-    pub(crate) width: usize,
-    pub(crate) height: usize,
-    pub(crate) texels: Vec<Vec3>,
+/// Sunlight behind a pane of clear glass, without the glass's colour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sunlight {
+    /// Unit direction of travel of the light from the sun's centre.
+    pub(crate) travel: DVec3,
+    /// Of the sun's disc.
+    pub(crate) radiance: f64,
 }
 
-/// A perspective pinhole; looks along −z of `transform`, +y up.
+/// What a surface hides, by its alpha: a factor, times the base texture's, times
+/// the vertices'.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) enum Alpha {
+    /// All, whatever its alpha.
+    #[default]
+    Opaque,
+    /// All where alpha is at least `cutoff`, elsewhere nothing.
+    Mask { factor: f32, cutoff: f32 },
+    /// The part alpha of what is behind it.
+    Blend { factor: f32 },
+}
+
+/// A texture as one material uses it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Map {
+    /// Index into [`Scene::textures`].
+    pub(crate) texture: usize,
+    /// Index into [`Mesh::uvs`].
+    pub(crate) set: usize,
+    /// From the mesh's texture coordinates to the texture's (`KHR_texture_transform`).
+    pub(crate) transform: Affine2,
+}
+
+impl Map {
+    /// `texture` by the first set of texture coordinates, as they are.
+    pub(crate) fn of(texture: usize) -> Self {
+        Self { texture, set: 0, transform: Affine2::IDENTITY }
+    }
+}
+
+impl Mesh {
+    /// The texture coordinates that `map` has for `vertex`; (0, 0) if there are none.
+    pub(crate) fn uv(&self, map: &Map, vertex: usize) -> Vec2 {
+        let uv = self.uvs[map.set].get(vertex).copied().unwrap_or_default();
+        map.transform.transform_point2(uv)
+    }
+}
+
+/// Looks along −z of `transform`, +y up.
 #[derive(Clone, Debug)]
 pub(crate) struct Camera {
     /// Its node's name.
     pub(crate) name: String,
     /// Camera to world, without scale.
     pub(crate) transform: DAffine3,
-    /// Vertical field of view, radians.
-    pub(crate) yfov: f64,
+    pub(crate) projection: Projection,
     /// Width over height that the author had in mind.
     pub(crate) aspect: Option<f64>,
+}
+
+/// How a [`Camera`] brings the world to its picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Projection {
+    Perspective {
+        /// Vertical field of view, radians.
+        yfov: f64,
+    },
+    Orthographic {
+        /// Half of what the picture shows from top to bottom, metres.
+        half_height: f64,
+    },
 }
 
 /// KHR_lights_punctual.

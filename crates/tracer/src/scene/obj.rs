@@ -9,9 +9,10 @@ mod material;
 mod polygon;
 
 use super::load::{Names, Warnings};
+use super::texture::srgb_to_linear;
 use super::{Loaded, Material, Mesh, Scene};
 use anyhow::{Context as _, ensure};
-use glam::{DVec3, Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 use std::path::Path;
 
 /// Reads the OBJ file at `path` and the files it names.
@@ -65,9 +66,6 @@ fn mesh(from: &tobj::Mesh, owner: &str, warnings: &mut Warnings) -> anyhow::Resu
         from.positions.chunks_exact(3).map(|c| triple(c).as_dvec3()).collect();
     ensure!(positions.iter().all(|p| p.is_finite()), "a vertex is not finite");
     let count = positions.len();
-    if !from.vertex_color.is_empty() {
-        warnings.ignored("vertex colours", owner);
-    }
 
     // tobj leaves out what single faces lack, and with it the correspondence.
     let mut complete = |length: usize, what: &str| {
@@ -82,13 +80,24 @@ fn mesh(from: &tobj::Mesh, owner: &str, warnings: &mut Warnings) -> anyhow::Resu
         uvs = from.texcoords.chunks_exact(2).map(|c| Vec2::new(c[0], 1.0 - c[1])).collect();
         ensure!(uvs.iter().all(|uv| uv.is_finite()), "a texture coordinate is not finite");
     }
-    let mut normals: Vec<Vec3> = Vec::new();
+    let (mut normals, mut odd): (Vec<Vec3>, bool) = (Vec::new(), false);
     if complete(from.normals.len() / 3, "normals") {
         let unit = |c: &[f32]| triple(c).try_normalize();
-        match from.normals.chunks_exact(3).map(unit).collect() {
-            Some(units) => normals = units,
-            None => warnings.ignored("normals of which some are zero", owner),
-        }
+        odd = from.normals.chunks_exact(3).any(|c| unit(c).is_none());
+        normals = from.normals.chunks_exact(3).filter_map(unit).collect();
+    }
+    let mut colours: Vec<Vec4> = Vec::new();
+    if complete(from.vertex_color.len() / 3, "vertex colours") {
+        // In the display's encoding: OBJ says nothing, and scanners write bytes.
+        let linear = |c: f32| srgb_to_linear(c.clamp(0.0, 1.0));
+        let colour = |c: &[f32]| triple(c).map(linear).extend(1.0);
+        colours = from.vertex_color.chunks_exact(3).map(colour).collect();
+        ensure!(colours.iter().all(|c| c.is_finite()), "a vertex colour is not finite");
+    }
+
+    if odd {
+        warnings.ignored("normals of which some are zero", owner);
+        normals.clear();
     }
 
     let mut triangles = Vec::with_capacity(from.indices.len() / 3);
@@ -102,7 +111,7 @@ fn mesh(from: &tobj::Mesh, owner: &str, warnings: &mut Warnings) -> anyhow::Resu
         polygon::triangulate(face, &positions, &mut triangles);
         rest = others;
     }
-    Ok(Mesh { positions, normals, uvs, triangles, ..Mesh::default() })
+    Ok(Mesh { positions, normals, uvs: [uvs, Vec::new()], colours, triangles, ..Mesh::default() })
 }
 
 #[cfg(test)]

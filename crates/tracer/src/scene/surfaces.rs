@@ -15,7 +15,7 @@ pub(crate) struct PlanarPolygon {
     /// Corners, counter-clockwise seen from the front; the one with the lowest
     /// index in the mesh is first.
     pub(crate) vertices: Vec<DVec3>,
-    /// Texture coordinates, one a corner; empty if the mesh has none.
+    /// Coordinates of the emission texture, one a corner; empty if the mesh has none.
     pub(crate) uvs: Vec<Vec2>,
     /// Indices into [`Mesh::triangles`], increasing.
     pub(crate) triangles: Vec<u32>,
@@ -93,7 +93,9 @@ fn polygons_where(scene: &Scene, wanted: impl Fn(&Mesh) -> bool) -> Vec<PlanarPo
         let several = outlines.len() > 1;
         polygons.extend(outlines.into_iter().enumerate().map(|(k, outline)| {
             let at = |&corner: &u32| mesh.positions[corner as usize];
-            let uv = |&corner: &u32| mesh.uvs.get(corner as usize).copied();
+            let map = scene.materials[mesh.material].emission_texture;
+            let map = map.filter(|map| !mesh.uvs[map.set].is_empty());
+            let uv = |&corner: &u32| Some(mesh.uv(map.as_ref()?, corner as usize));
             PlanarPolygon {
                 mesh: i,
                 name: if several { format!("{}.{k}", mesh.name) } else { mesh.name.clone() },
@@ -109,7 +111,7 @@ fn polygons_where(scene: &Scene, wanted: impl Fn(&Mesh) -> bool) -> Vec<PlanarPo
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Material;
+    use crate::scene::{Map, Material};
     use glam::Vec3;
 
     /// Two triangles, counter-clockwise from corner `o`.
@@ -117,7 +119,7 @@ mod tests {
         Mesh {
             name: name.to_owned(),
             positions: vec![o, o + u, o + u + v, o + v],
-            uvs: vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
+            uvs: [vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y], Vec::new()],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
             material,
             ..Mesh::default()
@@ -126,7 +128,8 @@ mod tests {
 
     /// Materials 0 (dark) and 1 (shining), and the meshes given.
     fn scene(meshes: Vec<Mesh>) -> Scene {
-        let shining = Material { emission: Vec3::ONE, ..Material::default() };
+        let emission_texture = Some(Map::of(0));
+        let shining = Material { emission: Vec3::ONE, emission_texture, ..Material::default() };
         Scene { meshes, materials: vec![Material::default(), shining], ..Scene::default() }
     }
 
@@ -150,7 +153,8 @@ mod tests {
         assert_eq!((floor.area(), floor.normal()), (12.0, DVec3::Y));
         assert_eq!((lamp.area(), lamp.normal()), (1.0, DVec3::NEG_Y));
         assert_eq!(floor.vertices[..2], [DVec3::ZERO, DVec3::Z * 3.0]);
-        assert_eq!(floor.uvs, [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y]);
+        assert!(floor.uvs.is_empty(), "it has no emission texture");
+        assert_eq!(lamp.uvs, [Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y]);
         assert_eq!((floor.mesh, lamp.mesh), (0, 1));
         assert_eq!(floor.triangles, [0, 1]);
     }

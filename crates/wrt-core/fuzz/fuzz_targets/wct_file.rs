@@ -5,7 +5,7 @@
 //! the flags that it passes:
 //!
 //! ```text
-//! mkdir -p fuzz/corpus/wct_file && cp ../../tests/golden/tiny.wct fuzz/corpus/wct_file
+//! mkdir -p fuzz/corpus/wct_file && cp ../../tests/golden/*.wct fuzz/corpus/wct_file
 //! RUSTC_BOOTSTRAP=1 cargo fuzz run wct_file -- -max_len=16384 -rss_limit_mb=512
 //! ```
 
@@ -13,6 +13,8 @@
 
 use libfuzzer_sys::fuzz_target;
 use serde_json::Value;
+use glam::{DVec2, DVec3};
+use wrt_core::legendre::LegendreSampler;
 use wrt_core::wct_file::MAGIC;
 use wrt_core::{Sampler, WctFile};
 
@@ -31,6 +33,10 @@ fn check(bytes: &[u8]) {
     for patch in &file.patches {
         let _ = patch.polygon.to_polygon();
         let _ = Sampler::new(&patch.tree).multilinear([0.3, 0.9, 0.6, 0.4]);
+    }
+    for patch in &file.smooth {
+        let _ = patch.polygon.to_polygon();
+        let _ = LegendreSampler::new(&patch.tree).radiance(DVec2::new(0.3, 0.9), DVec3::Z);
     }
 }
 

@@ -18,8 +18,8 @@ use std::sync::OnceLock;
 /// quadrature of its own, however narrow the lobe: where it is wide, samples of both
 /// cells are averaged and the column is scaled to that albedo; where it is narrower
 /// than a cell, its light is followed to the cells that it falls into. Reciprocity
-/// f(s, r) = f(r, s) holds exactly for the function and here to about 1 % of the
-/// lobe's peak.
+/// f(s, r) = f(r, s) holds exactly for the function and here to 0.5 % in L² at level
+/// 4; single entries at the rim are off by up to a tenth of the lobe's peak.
 #[derive(Debug)]
 pub struct LobeMatrix {
     exponent: f64,

@@ -178,6 +178,8 @@ pub struct Bsdf {
     outgoing: Patches,
     /// By outgoing patch, then by incident one; sr⁻¹.
     values: Vec<f32>,
+    /// 1, or −1 where patches are found by the opposite directions.
+    side: f64,
 }
 
 impl Bsdf {
@@ -195,20 +197,39 @@ impl Bsdf {
         if let Some(index) = values.iter().position(bad) {
             return Err(Error::TableValue { index, found: values[index] });
         }
-        Ok(Self { incident, outgoing, values })
+        Ok(Self { incident, outgoing, values, side: 1.0 })
+    }
+
+    /// The table of light that takes all paths backwards, by f(s, r) = f(r, s): from one
+    /// of light that leaves by the back, that of light that enters by it.
+    ///
+    /// What leaves along l of light that travels along t then travels along −l and
+    /// leaves along −t.
+    #[must_use]
+    pub fn reciprocal(self) -> Self {
+        let (columns, rows) = (self.incident.len(), self.outgoing.len());
+        let values = &self.values;
+        let turned = (0..columns).flat_map(|i| (0..rows).map(move |o| values[o * columns + i]));
+        Self {
+            values: turned.collect(),
+            incident: self.outgoing,
+            outgoing: self.incident,
+            side: -self.side,
+        }
     }
 
     /// f for light that travels along cosines `travel` and leaves along `leave`, sr⁻¹.
     #[must_use]
     pub fn eval(&self, travel: DVec2, leave: DVec2) -> f64 {
-        let (i, o) = (self.incident.index(travel), self.outgoing.index(leave));
+        let i = self.incident.index(self.side * travel);
+        let o = self.outgoing.index(self.side * leave);
         f64::from(self.values[o * self.incident.len() + i])
     }
 
     /// The share of the light of one incident patch that leaves: Σ f ∫ cosθ dω.
     #[must_use]
     pub fn hemispherical(&self, travel: DVec2) -> f64 {
-        let (i, count) = (self.incident.index(travel), self.incident.len());
+        let (i, count) = (self.incident.index(self.side * travel), self.incident.len());
         let share = |o: usize| f64::from(self.values[o * count + i]) * self.outgoing.projected(o);
         (0..self.outgoing.len()).map(share).sum()
     }
@@ -220,7 +241,7 @@ impl Bsdf {
         let levels = incident.levels();
         let level = levels.direction;
         let weight = 4.0 / levels.directions() as f64;
-        let own = self.incident.shares(level, -1.0);
+        let own = self.incident.shares(level, -self.side);
         let mut flux = vec![vec![[0.0; 3]; levels.positions()]; self.incident.len()];
         for (s, shares) in own.iter().enumerate() {
             let Some((image, scale)) = incident.slice(s) else { continue };
@@ -248,7 +269,7 @@ impl Bsdf {
             })
             .collect();
         let fractions = udc_fractions(level);
-        let shares = self.outgoing.shares(level, 1.0);
+        let shares = self.outgoing.shares(level, self.side);
         let image = |(r, shares): (usize, &Vec<(u32, f64)>)| -> Option<Vec<Rgb>> {
             let mut sum = vec![[0.0; 3]; levels.positions()];
             for &(patch, share) in shares {
@@ -265,8 +286,8 @@ impl Bsdf {
     /// Its coefficients over direction cells, to a relative L² error of `tolerance`.
     #[must_use]
     pub fn project(&self, levels: Levels, tolerance: f64) -> BrdfTree {
-        let incident = self.incident.shares(levels.position, -1.0);
-        let outgoing = self.outgoing.shares(levels.direction, 1.0);
+        let incident = self.incident.shares(levels.position, -self.side);
+        let outgoing = self.outgoing.shares(levels.direction, self.side);
         let mean = |s: usize, r: usize| {
             let total: f64 = incident[s].iter().map(|share| share.1).sum();
             let mut sum = 0.0;
@@ -370,6 +391,25 @@ mod tests {
             let (a, b) = (out.mean(m)[0], product.mean(m)[0]);
             assert!((a - b).abs() < 1e-4 * out.mean([0, 0, 31 - k, 31 - l])[0], "{m:?}: {a} {b}");
         }
+    }
+
+    /// f(t → l) = f(−l → −t), in look-ups and in what is done to light.
+    #[test]
+    fn the_reciprocal_table_takes_paths_backwards() {
+        let (incident, outgoing) = (klems(), Patches::Square(2));
+        let count = incident.len() * outgoing.len();
+        let values = (0..count).map(|i| ((i * 7919) % 101) as f32 / 100.0).collect();
+        let table = Bsdf::new(incident, outgoing, values).expect("a table");
+        let back = table.clone().reciprocal();
+        for i in 0..50 {
+            let at = |step: f64| 1.4 * ((f64::from(i) * step).fract() - 0.5);
+            let (t, l) = (DVec2::new(at(0.618), at(0.324)), DVec2::new(at(0.755), at(0.57)));
+            assert_eq!(table.eval(t, l), back.eval(-l, -t), "{t} {l}");
+        }
+        // The light of a furnace that enters leaves either way: ∬ f is the same.
+        let through = |table: &Bsdf| table.apply(&furnace(5)).irradiance()[0][0];
+        let (a, b) = (through(&table), through(&back));
+        assert!((a / b - 1.0).abs() < 1e-5, "{a} {b}");
     }
 
     #[test]

@@ -1,18 +1,25 @@
 //! A tree made immutable for look-ups: the 4-D texture that rays sample (§8
 //! asks for it).
 
+mod bricks;
+mod footprint;
+mod leaves;
 mod multilinear;
 mod rim;
 
+pub use footprint::MipSampler;
+
 use crate::grid::Rgb;
-use crate::{Levels, Tree, children};
+use crate::{Levels, Tree};
+use bricks::{Bricks, Texel};
+use leaves::Leaves;
 use rim::Rim;
 
 /// A radiance to be looked up by many threads.
 ///
-/// All coefficients are pushed down once, so that a look-up only descends: a
-/// mask and a count of its bits a level, then the mean of the largest cell on
-/// which the tree is constant.
+/// All coefficients are pushed down once and laid out in bricks of 4⁴ cells, so
+/// that a look-up is a table's entry, an index and a value, whatever the depth of
+/// the tree.
 ///
 /// A tree's means count zeros outside the UDC. Here a finest direction cell of
 /// which a fraction f lies inside has its mean divided by f, so that radiance
@@ -23,25 +30,7 @@ use rim::Rim;
 pub struct Sampler {
     levels: Levels,
     rim: Rim,
-    /// Breadth first, as in the tree; none if it is constant.
-    nodes: Vec<Branch>,
-    /// Mean radiance, node by node in order of m′.
-    leaves: Vec<Rgb>,
-}
-
-/// A node with each child either a node or a leaf.
-#[derive(Clone, Copy, Debug)]
-struct Branch {
-    child_mask: u16,
-    leaf_mask: u16,
-    first_child: u32,
-    first_leaf: u32,
-}
-
-/// What lies below a node.
-enum Below {
-    Branch(usize),
-    Leaf(usize),
+    bricks: Bricks,
 }
 
 impl Sampler {
@@ -49,42 +38,13 @@ impl Sampler {
     ///
     /// # Panics
     ///
-    /// If it has 2³² leaves, of 48 GiB together.
+    /// If it has 2³² leaves, of 64 GiB together.
     #[must_use]
     pub fn new(tree: &Tree) -> Self {
         let levels = tree.levels();
-        let mut smooth = vec![[0.0; 3]; tree.nodes().len().max(1)];
-        smooth[0] = tree.root().map(f64::from);
-        let mut nodes = Vec::with_capacity(tree.nodes().len());
-        let mut leaves = Vec::new();
-        if tree.nodes().is_empty() {
-            leaves.push(tree.root());
-        }
-        // Where the current depth ends: children follow their parents' depth.
-        let (mut depth, mut end, mut next) = (0, 1, 1);
-        for (i, node) in tree.nodes().iter().enumerate() {
-            if i == end {
-                (depth, end) = (depth + 1, next);
-            }
-            next += node.child_mask.count_ones() as usize;
-            let split = levels.split(depth);
-            let values = tree.push_node(i, smooth[i], split);
-            let scale = levels.scale(depth + 1);
-            let first_leaf = u32::try_from(leaves.len()).expect("fewer than 2³² leaves");
-            let mut leaf_mask = 0;
-            for m_prime in children(split) {
-                match node.child(m_prime) {
-                    Some(child) => smooth[child] = values[m_prime],
-                    None => {
-                        leaf_mask |= 1 << m_prime;
-                        leaves.push(values[m_prime].map(|x| (x * scale) as f32));
-                    }
-                }
-            }
-            let (child_mask, first_child) = (node.child_mask, node.first_child);
-            nodes.push(Branch { child_mask, leaf_mask, first_child, first_leaf });
-        }
-        Self { levels, rim: Rim::new(levels.direction), nodes, leaves }
+        let rim = Rim::new(levels.direction);
+        let bricks = Bricks::new(&Leaves::new(tree));
+        Self { levels, rim, bricks }
     }
 
     /// Its levels.
@@ -96,54 +56,42 @@ impl Sampler {
     /// Bytes it occupies.
     #[must_use]
     pub fn bytes(&self) -> usize {
-        size_of_val(&self.nodes[..]) + size_of_val(&self.leaves[..]) + self.rim.bytes()
+        self.bricks.bytes() + self.rim.bytes()
     }
 
     /// The mean radiance over the finest cell around (u, v, κ, λ): piecewise
     /// constant. Coordinates past 0 or 1 count as 0 or 1.
     #[must_use]
     pub fn box_value(&self, q: [f64; 4]) -> Rgb {
-        let (kappa, lambda) = rim::inside([q[2], q[3]]);
         let Levels { position, direction } = self.levels;
         let [u, v] = [q[0], q[1]].map(|x| cell_of(x, position));
-        let cell = [kappa, lambda].map(|x| cell_of(x, direction));
-        let ([k, l], inverse) = self.rim.nearest(cell);
-        let mean = self.leaves[self.leaf(self.code([u, v, k, l]))];
-        mean.map(|x| x * inverse)
-    }
-
-    /// The halves to take from the root to the finest cell **m**, four bits a
-    /// depth, the root's on top of `4 · depth` bits. Dimensions that stop
-    /// splitting earlier have zeros at the end, as m′ does.
-    fn code(&self, m: [u32; 4]) -> u64 {
-        let depth = self.levels.depth();
-        let (p, d) = (depth - self.levels.position, depth - self.levels.direction);
-        spread(m[0] << p) | spread(m[1] << p) << 1 | spread(m[2] << d) << 2 | spread(m[3] << d) << 3
-    }
-
-    /// The leaf that holds the finest cell with this [`code`](Self::code).
-    fn leaf(&self, code: u64) -> usize {
-        let mut below = if self.nodes.is_empty() { Below::Leaf(0) } else { Below::Branch(0) };
-        let mut shift = 4 * u32::from(self.levels.depth());
-        loop {
-            match below {
-                Below::Leaf(leaf) => return leaf,
-                Below::Branch(node) => {
-                    shift -= 4;
-                    below = self.nodes[node].below((code >> shift & 15) as usize);
-                }
-            }
+        let mut cell = [q[2], q[3]].map(|x| cell_of(x, direction));
+        let mut inverse = 1.0;
+        if !self.rim.is_around([q[2], q[3]], rim::Reach::Cell) {
+            let (kappa, lambda) = rim::inside([q[2], q[3]]);
+            let at_rim = [kappa, lambda].map(|x| cell_of(x, direction));
+            (cell, inverse) = self.rim.nearest(at_rim);
         }
+        let [k, l] = cell;
+        let Texel([r, g, b, _]) = *self.texel([u, v, k, l]);
+        [r * inverse, g * inverse, b * inverse]
     }
-}
 
-impl Branch {
-    fn below(&self, m_prime: usize) -> Below {
-        let before = |mask: u16| (mask & ((1 << m_prime) - 1)).count_ones();
-        if self.child_mask >> m_prime & 1 == 1 {
-            Below::Branch((self.first_child + before(self.child_mask)) as usize)
-        } else {
-            Below::Leaf((self.first_leaf + before(self.leaf_mask)) as usize)
+    /// The tree's mean over the finest cell **m**.
+    #[inline]
+    fn texel(&self, m: [u32; 4]) -> &Texel {
+        self.bricks.at(std::array::from_fn(|d| self.bricks.axis(d, m[d])))
+    }
+
+    /// The [`multilinear`](Self::multilinear) look-ups of a packet of hits.
+    ///
+    /// # Panics
+    ///
+    /// If the lengths differ.
+    pub fn multilinear_batch(&self, points: &[[f64; 4]], out: &mut [Rgb]) {
+        assert_eq!(points.len(), out.len(), "a value for each point");
+        for (out, &q) in out.iter_mut().zip(points) {
+            *out = self.multilinear(q);
         }
     }
 }
@@ -152,15 +100,6 @@ impl Branch {
 fn cell_of(x: f64, level: u8) -> u32 {
     let cells = 1_u32 << level;
     ((x * f64::from(cells)) as u32).min(cells - 1)
-}
-
-/// The low 16 bits of `x`, three zeros between each two.
-fn spread(x: u32) -> u64 {
-    let mut x = u64::from(x);
-    x = (x | x << 24) & 0x0000_00ff_0000_00ff;
-    x = (x | x << 12) & 0x000f_000f_000f_000f;
-    x = (x | x << 6) & 0x0303_0303_0303_0303;
-    (x | x << 3) & 0x1111_1111_1111_1111
 }
 
 #[cfg(test)]
@@ -250,9 +189,21 @@ mod tests {
     }
 
     #[test]
-    fn the_coarsest_tree_is_one_leaf() {
+    fn the_coarsest_tree_is_one_value() {
         let sampler = sampler(Levels::isotropic(0), |_| [2.0; 3]);
-        assert_eq!((sampler.nodes.len(), sampler.leaves.len()), (0, 1));
         assert!((sampler.multilinear([0.1, 0.9, 0.5, 0.5])[0] - 2.0).abs() < 1e-6, "2");
+        assert!(sampler.bytes() < 4096, "{} bytes", sampler.bytes());
+    }
+
+    #[test]
+    fn a_batch_is_its_look_ups() {
+        let sampler = sampler(Levels { position: 2, direction: 3 }, wild);
+        let points: Vec<[f64; 4]> =
+            (0..100).map(|i| [3, 5, 7, 11].map(|k| f64::from(i * k % 100) / 100.0)).collect();
+        let mut found = vec![[0.0; 3]; points.len()];
+        sampler.multilinear_batch(&points, &mut found);
+        for (found, &q) in found.iter().zip(&points) {
+            assert_eq!(*found, sampler.multilinear(q), "{q:?}");
+        }
     }
 }

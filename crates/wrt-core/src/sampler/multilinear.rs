@@ -1,6 +1,7 @@
 //! The continuous look-up.
 
-use super::{Below, Sampler, rim};
+use super::rim::{self, Reach};
+use super::{Sampler, cell_of};
 use crate::Levels;
 use crate::grid::Rgb;
 
@@ -33,46 +34,6 @@ const POSITION_BEYOND: f64 = 0.5;
 /// At the UDC's rim weights are renormalised and so must not be negative.
 const DIRECTION_BEYOND: f64 = 0.0;
 
-/// The interpolation of one look-up.
-///
-/// A *state* names the low or the high cell of a dimension, or both while they
-/// have not yet parted: a pair of masks with a bit per dimension, `both` and
-/// `high`, the latter 0 where the former is 1.
-struct Stencil {
-    /// Codes of the cell that is low, or high, in all dimensions.
-    low: u64,
-    high: u64,
-    /// Of u and v, by [`pair`].
-    position: [f32; 16],
-    /// Of κ and λ, by [`pair`], divided by what lies inside the UDC.
-    direction: [f32; 16],
-}
-
-/// Where the weight of two dimensions' state is kept: their bits of `both`, then
-/// of `high`.
-fn pair(both: usize, high: usize) -> usize {
-    (both & 3) << 2 | high & 3
-}
-
-/// The weights of two dimensions in every state, from those of the four pairs of
-/// cells; the first dimension has bit 0.
-fn pairs(cells: [f32; 4]) -> [f32; 16] {
-    let mut table = [0.0; 16];
-    table[..4].copy_from_slice(&cells);
-    table[pair(0b01, 0b00)] = cells[0b00] + cells[0b01];
-    table[pair(0b01, 0b10)] = cells[0b10] + cells[0b11];
-    table[pair(0b10, 0b00)] = cells[0b00] + cells[0b10];
-    table[pair(0b10, 0b01)] = cells[0b01] + cells[0b11];
-    table[pair(0b11, 0b00)] = table[pair(0b01, 0b00)] + table[pair(0b01, 0b10)];
-    table
-}
-
-impl Stencil {
-    fn weight(&self, both: usize, high: usize) -> f32 {
-        self.position[pair(both, high)] * self.direction[pair(both >> 2, high >> 2)]
-    }
-}
-
 impl Sampler {
     /// Radiance at (u, v, κ, λ), interpolated between the centres of the sixteen
     /// finest cells around: continuous. Coordinates past 0 or 1 count as 0 or 1.
@@ -81,97 +42,70 @@ impl Sampler {
     /// on, which beside a dark edge may take it below zero; so may the tree's own
     /// means once coefficients have been dropped.
     #[must_use]
+    #[inline]
     pub fn multilinear(&self, q: [f64; 4]) -> Rgb {
-        let stencil = self.stencil(q);
-        let mut sum = [0.0; 3];
-        let all = 0b1111;
-        if self.nodes.is_empty() {
-            self.add(0, stencil.weight(all, 0), &mut sum);
-        } else {
-            let shift = 4 * u32::from(self.levels.depth());
-            self.gather(&stencil, 0, shift, all, 0, &mut sum);
-        }
-        sum
-    }
-
-    fn stencil(&self, q: [f64; 4]) -> Stencil {
         let Levels { position, direction } = self.levels;
         let [u, v] = [q[0], q[1]].map(|x| Axis::new(x, position, POSITION_BEYOND));
-        let (kappa, lambda) = rim::inside([q[2], q[3]]);
-        let [k, l] = [kappa, lambda].map(|x| Axis::new(x, direction, DIRECTION_BEYOND));
-        let shares = |a: Axis, b: Axis| -> [f32; 4] {
-            let (a, b) = ([1.0 - a.share, a.share], [1.0 - b.share, b.share]);
-            [a[0] * b[0], a[1] * b[0], a[0] * b[1], a[1] * b[1]]
-        };
-        let cells = [[k.low, l.low], [k.high, l.low], [k.low, l.high], [k.high, l.high]];
-        let inverse = cells.map(|cell| self.rim.inverse(cell));
-        let mut weights = shares(k, l);
-        let counted = weights.iter().zip(inverse).filter(|(_, inverse)| *inverse > 0.0);
-        let total: f32 = counted.map(|(weight, _)| weight).sum();
-        let mut ends = [[k.low, l.low], [k.high, l.high]];
-        if total > 0.0 {
-            for (weight, inverse) in weights.iter_mut().zip(inverse) {
-                *weight *= inverse / total;
-            }
+        let [k, l] = [q[2], q[3]].map(|x| Axis::new(x, direction, DIRECTION_BEYOND));
+        if self.rim.is_around([q[2], q[3]], Reach::Four) {
+            let k_shares = [1.0 - k.share, k.share];
+            let weights = [0, 1].map(|i| k_shares.map(|s| s * [1.0 - l.share, l.share][i]));
+            self.blend([u, v], [[k.low, k.high], [l.low, l.high]], weights)
         } else {
-            let cell = [kappa, lambda].map(|x| super::cell_of(x, direction));
-            let (cell, inverse) = self.rim.nearest(cell);
-            (weights, ends) = ([inverse, 0.0, 0.0, 0.0], [cell; 2]);
-        }
-        Stencil {
-            low: self.code([u.low, v.low, ends[0][0], ends[0][1]]),
-            high: self.code([u.high, v.high, ends[1][0], ends[1][1]]),
-            position: pairs(shares(u, v)),
-            direction: pairs(weights),
+            self.at_rim([u, v], [q[2], q[3]])
         }
     }
 
-    /// Adds what the cells of a state contribute below `node`, reading each leaf
-    /// once.
-    fn gather(
-        &self,
-        stencil: &Stencil,
-        mut node: usize,
-        mut shift: u32,
-        both: usize,
-        high: usize,
-        sum: &mut [f32; 3],
-    ) {
-        loop {
-            shift -= 4;
-            let low_half = (stencil.low >> shift & 15) as usize;
-            let high_half = (stencil.high >> shift & 15) as usize;
-            // Dimensions whose two cells part here.
-            let part = both & (low_half ^ high_half);
-            if part == 0 {
-                match self.nodes[node].below(low_half & !high | high_half & high) {
-                    Below::Leaf(leaf) => return self.add(leaf, stencil.weight(both, high), sum),
-                    Below::Branch(child) => node = child,
-                }
-                continue;
-            }
-            let both = both & !part;
-            // All subsets of `part`, from none to itself.
-            let mut chosen = 0;
-            loop {
-                let high = high | chosen;
-                match self.nodes[node].below(low_half & !high | high_half & high) {
-                    Below::Leaf(leaf) => self.add(leaf, stencil.weight(both, high), sum),
-                    Below::Branch(child) => self.gather(stencil, child, shift, both, high, sum),
-                }
-                if chosen == part {
-                    return;
-                }
-                chosen = chosen.wrapping_sub(part) & part;
+    /// The sum over two by two direction cells, `weights` by l then k, of what is
+    /// interpolated over position.
+    #[inline]
+    fn blend(&self, [u, v]: [Axis; 2], cells: [[u32; 2]; 2], weights: [[f32; 2]; 2]) -> Rgb {
+        let axis = |d: usize, ends: [u32; 2]| ends.map(|m| self.bricks.axis(d, m));
+        let (us, vs) = (axis(0, [u.low, u.high]), axis(1, [v.low, v.high]));
+        let (ks, ls) = (axis(2, cells[0]), axis(3, cells[1]));
+        // All sixteen first: they do not wait for each other.
+        let texels = self.bricks.corners([us, vs, ks, ls]);
+        let mut sum = [0.0; 4];
+        for (i, weight) in weights.into_iter().flatten().enumerate() {
+            let [a, b, c, d] = [0, 1, 2, 3].map(|j| texels[4 * i + j].0);
+            let value = between(between(a, b, u.share), between(c, d, u.share), v.share);
+            for (sum, x) in sum.iter_mut().zip(value) {
+                *sum += weight * x;
             }
         }
+        let [r, g, b, _] = sum;
+        [r, g, b]
     }
 
-    fn add(&self, leaf: usize, weight: f32, sum: &mut [f32; 3]) {
-        for (sum, x) in sum.iter_mut().zip(self.leaves[leaf]) {
-            *sum += weight * x;
+    /// Where some of the four direction cells are cut by the rim: each mean is
+    /// divided by f and cells without a say are left out.
+    fn at_rim(&self, position: [Axis; 2], direction: [f64; 2]) -> Rgb {
+        let level = self.levels.direction;
+        let (kappa, lambda) = rim::inside(direction);
+        let [k, l] = [kappa, lambda].map(|x| Axis::new(x, level, DIRECTION_BEYOND));
+        let cells = [[k.low, k.high], [l.low, l.high]];
+        let mut total = 0.0;
+        let mut weights = [[0.0; 2]; 2];
+        for (j, l_share) in [1.0 - l.share, l.share].into_iter().enumerate() {
+            for (i, k_share) in [1.0 - k.share, k.share].into_iter().enumerate() {
+                let inverse = self.rim.inverse([cells[0][i], cells[1][j]]);
+                weights[j][i] = k_share * l_share * inverse;
+                if inverse > 0.0 {
+                    total += k_share * l_share;
+                }
+            }
         }
+        if total > 0.0 {
+            return self.blend(position, cells, weights.map(|row| row.map(|w| w / total)));
+        }
+        let (cell, inverse) = self.rim.nearest([kappa, lambda].map(|x| cell_of(x, level)));
+        self.blend(position, cell.map(|m| [m; 2]), [[inverse, 0.0], [0.0; 2]])
     }
+}
+
+#[inline]
+fn between(a: [f32; 4], b: [f32; 4], share: f32) -> [f32; 4] {
+    std::array::from_fn(|c| a[c] + share * (b[c] - a[c]))
 }
 
 #[cfg(test)]
@@ -203,7 +137,7 @@ mod tests {
             }
             let weight: f64 = cells.iter().map(|c| c.1).product();
             total += weight;
-            let mean = sampler.leaves[sampler.leaf(sampler.code(m))];
+            let mean = sampler.texel(m).0;
             for (sum, x) in sum.iter_mut().zip(mean) {
                 *sum += weight * inverse * f64::from(x);
             }

@@ -15,6 +15,17 @@ pub(super) struct Rim {
     rows: Vec<Row>,
     /// 1/f of the cells in `first..full`, row by row.
     inverse: Vec<f32>,
+    /// By [`Reach`]: squared distance from the middle up to which all is inside.
+    inner: [f64; 2],
+}
+
+/// The cells that a look-up reads.
+#[derive(Clone, Copy)]
+pub(super) enum Reach {
+    /// The one it is in.
+    Cell,
+    /// The four whose centres are around it.
+    Four,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -32,7 +43,10 @@ impl Rim {
         let cells = 1_u32 << level;
         let middle = cells.div_ceil(2);
         let at = |i: u32| f64::from(i) / f64::from(cells);
-        let mut rim = Self { level, rows: Vec::new(), inverse: Vec::new() };
+        // The farthest corner of a cell is a diagonal away, that of four one and a half.
+        let diagonal = std::f64::consts::SQRT_2 / f64::from(cells);
+        let inner = [1.0, 1.5].map(|n| (0.5 - n * diagonal).max(0.0).powi(2));
+        let mut rim = Self { level, rows: Vec::new(), inverse: Vec::new(), inner };
         for l in 0..middle {
             // The row's widest chord starts here: no cell before it is inside.
             let y = (0.5 - at(l + 1)).max(0.0);
@@ -52,6 +66,14 @@ impl Rim {
             rim.rows.push(Row { first, full, offset });
         }
         rim
+    }
+
+    /// Whether all cells that a look-up at (κ, λ) reads surely have f = 1: what
+    /// most look-ups need to know.
+    #[inline]
+    pub(super) fn is_around(&self, [kappa, lambda]: [f64; 2], reach: Reach) -> bool {
+        let (x, y) = (kappa - 0.5, lambda - 0.5);
+        x * x + y * y < self.inner[reach as usize]
     }
 
     /// 1/f of a cell, or 0 if it has no say.

@@ -5,10 +5,11 @@
 //! recursion stays as the reference.
 
 use super::TransportGeometry;
-use super::resample::{Footprint, Reach, Scratch, SummedImage, resample};
+use super::refine::{Settling, targets};
+use super::slice::{Image, Room, Slices};
 use crate::grid::{Grid, Rgb};
-use crate::{ConvexPolygon, Emission, Levels, Nusselt};
-use glam::{DVec2, DVec3};
+use crate::{Emission, Levels, Nusselt};
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// Radiance that leaves a source: for each direction a picture and a factor.
@@ -22,6 +23,16 @@ pub trait Source: Sync {
     /// Which picture is seen, times what, in light that travels along the unit
     /// vector `travel` of the source's frame (z > 0).
     fn slice(&self, travel: DVec3) -> Option<(usize, f64)>;
+
+    /// Whether the factor varies continuously with direction and the picture is the
+    /// same for all.
+    fn is_continuous(&self) -> bool;
+
+    /// The axis (in the source's frame) and the radius in radians of a cone that all
+    /// light travels in, if there is a narrow one: other directions are then left out.
+    fn cone(&self) -> Option<(DVec3, f64)> {
+        None
+    }
 }
 
 impl Source for Emission {
@@ -36,6 +47,14 @@ impl Source for Emission {
     fn slice(&self, travel: DVec3) -> Option<(usize, f64)> {
         let factor = self.lobe().eval(travel);
         (factor > 0.0).then_some((0, factor))
+    }
+
+    fn is_continuous(&self) -> bool {
+        self.lobe().cone().is_none()
+    }
+
+    fn cone(&self) -> Option<(DVec3, f64)> {
+        self.lobe().cone()
     }
 }
 
@@ -54,6 +73,10 @@ impl Source for Grid {
         let side = 1_usize << level;
         let cell = |x: f64| ((x * side as f64) as usize).min(side - 1);
         self.slice(cell(q.lambda) << level | cell(q.kappa)).map(|(i, f)| (i, f64::from(f)))
+    }
+
+    fn is_continuous(&self) -> bool {
+        false
     }
 }
 
@@ -87,165 +110,80 @@ pub fn transport_block(
     levels: Levels,
     options: BlockOptions,
 ) -> Grid {
-    let block = Block::new(geometry, source, levels);
+    let slices = Slices::new(geometry, source, levels, true);
     let images = (0..levels.directions())
         .into_par_iter()
-        .map_init(Scratch::default, |scratch, d| block.image(d, options.samples, scratch))
+        .map_init(Room::default, |room, d| {
+            let regions = slices.regions(d).into_iter();
+            let regions: Vec<_> = regions.map(|region| (region, [options.samples; 2])).collect();
+            let image = slices.image(&regions, room)?;
+            Some(single(&image))
+        })
         .collect();
     Grid::from_images(levels, images)
 }
 
-struct Block<'a, S> {
-    geometry: &'a TransportGeometry,
-    source: &'a S,
-    pictures: Vec<SummedImage>,
-    levels: Levels,
-    reach: Reach,
-    source_size: DVec2,
-    dest_size: DVec2,
-    /// Cosines (μx, μy) that bound the directions to the source, low and high.
-    visible: [DVec2; 2],
+/// A block and how far it is off.
+#[derive(Clone, Debug)]
+pub struct Transported {
+    /// The radiance that arrives, as [`transport_block`] gives it.
+    pub grid: Grid,
+    /// Estimated relative L² error (RED, §7.1.4.3) of `grid`, all channels together.
+    pub relative_error: f64,
 }
 
-impl<'a, S: Source> Block<'a, S> {
-    fn new(geometry: &'a TransportGeometry, source: &'a S, levels: Levels) -> Self {
-        let size = |polygon: &crate::Polygon| match polygon.size() {
-            Some(size) => size,
-            None => panic!("block transport is for rectilinear charts"),
-        };
-        let side = 1 << source.level();
-        let pictures = source.pictures().iter().map(|p| SummedImage::new(p, side)).collect();
-        let (source_size, dest_size) = (size(geometry.source()), size(geometry.dest()));
-        Self {
-            geometry,
-            source,
-            pictures,
-            levels,
-            reach: reach(geometry, dest_size, levels.position),
-            source_size,
-            dest_size,
-            visible: visible(geometry, source_size, dest_size),
-        }
-    }
-
-    /// The position image of one direction cell.
-    fn image(&self, direction: usize, samples: u32, scratch: &mut Scratch) -> Option<Vec<Rgb>> {
-        let level = self.levels.direction;
-        let cosine = 2.0 / f64::from(1_u32 << level);
-        let m = DVec2::new((direction & ((1 << level) - 1)) as f64, (direction >> level) as f64);
-        let cell = [m * cosine - 1.0, (m + 1.0) * cosine - 1.0];
-        let (low, high) = (cell[0].max(self.visible[0]), cell[1].min(self.visible[1]));
-        let nearest = low.max(DVec2::ZERO).min(high);
-        if low.cmpge(high).any() || nearest.length_squared() >= 1.0 {
-            return None;
-        }
-        let step = (high - low) / f64::from(samples);
-        let weight = step.x * step.y / (cosine * cosine);
-        let mut out: Option<Vec<[f64; 3]>> = None;
-        for i in 0..samples * samples {
-            let at = DVec2::new(f64::from(i % samples), f64::from(i / samples)) + 0.5;
-            let mu = low + at * step;
-            let height = 1.0 - mu.length_squared();
-            if height <= 0.0 {
-                continue;
-            }
-            let mu = mu.extend(height.sqrt());
-            let travel = self.geometry.source_direction(mu);
-            // Rays along the source's plane carry nothing and map to infinity.
-            if travel.z < 1e-9 {
-                continue;
-            }
-            let Some((picture, factor)) = self.source.slice(travel) else { continue };
-            let out = out.get_or_insert_with(|| vec![[0.0; 3]; self.levels.positions()]);
-            resample(
-                &self.pictures[picture],
-                &self.footprint(mu),
-                &self.reach,
-                1 << self.levels.position,
-                weight * factor,
-                scratch,
-                out,
-            );
-        }
-        let image: Vec<Rgb> = out?.iter().map(|rgb| rgb.map(|x| x as f32)).collect();
-        image.iter().any(|rgb| *rgb != [0.0; 3]).then_some(image)
-    }
-
-    /// Destination (u, v) → source pixels along `mu`.
-    fn footprint(&self, mu: DVec3) -> Footprint {
-        let [x, y, n] = self.geometry.source_axes();
-        let offset = self.geometry.source_to_dest(DVec2::ZERO);
-        let pixels = f64::from(1_u32 << self.source.level());
-        // The component in the source's plane of a vector moved along μ onto it.
-        let slide = |v: DVec3| {
-            let on = v - mu * (n.dot(v) / n.dot(mu));
-            DVec2::new(x.dot(on), y.dot(on)) / self.source_size * pixels
-        };
-        Footprint {
-            origin: slide(-offset),
-            du: slide(DVec3::X * self.dest_size.x),
-            dv: slide(DVec3::Y * self.dest_size.y),
-        }
-    }
-}
-
-/// The parts of the destination's cells in front of the source's plane.
-fn reach(geometry: &TransportGeometry, size: DVec2, level: u8) -> Reach {
-    let [_, _, n] = geometry.source_axes();
-    let offset = geometry.source_to_dest(DVec2::ZERO);
-    let front = |uv: DVec2| n.dot((uv * size).extend(0.0) - offset);
-    let unit = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
-    // A shared edge lies on the plane up to rounding.
-    let rounding = 1e-12 * (size.length() + offset.length());
-    if unit.iter().all(|&c| front(c) >= -rounding) {
-        return Reach::All;
-    }
-    let side = 1_usize << level;
-    let part = |i: usize| {
-        let at = DVec2::new((i % side) as f64, (i / side) as f64);
-        let corners = unit.map(|c| (at + c) / side as f64);
-        let part = ConvexPolygon::new(&corners).clipped(front);
-        let whole = part.vertices() == corners;
-        (!whole).then(|| part.vertices().to_vec())
-    };
-    Reach::Parts((0..side * side).map(part).collect())
-}
-
-/// Bounds on μx and μy of all directions from the destination to the source.
+/// As [`transport_block`], with as many samples in each direction cell as it takes
+/// for a relative L² error (RED) of at most `tolerance` over the whole block.
 ///
-/// With d = source point − destination point in a box, μx = dx / |d| is bounded
-/// by the extreme dx over the least (for large |μx|) or greatest rest √(dy²+dz²).
-fn visible(geometry: &TransportGeometry, source: DVec2, dest: DVec2) -> [DVec2; 2] {
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for s in [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y] {
-        for d in [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y] {
-            let between = geometry.source_to_dest(s * source) - (d * dest).extend(0.0);
-            (low, high) = (low.min(between), high.max(between));
+/// The estimate compares rules of different fineness cell by cell; a cell that has
+/// not settled after 65 536 samples stays as it is, and `relative_error` says so. No
+/// tolerance below what single precision stores, some 10⁻⁷, can be met.
+///
+/// # Panics
+///
+/// As [`transport_block`].
+#[must_use]
+pub fn transport_within(
+    geometry: &TransportGeometry,
+    source: &impl Source,
+    levels: Levels,
+    tolerance: f64,
+) -> Transported {
+    let slices = Slices::new(geometry, source, levels, true);
+    let mut cells: Vec<Option<Settling>> = (0..levels.directions())
+        .into_par_iter()
+        .map_init(Room::default, |room, d| Settling::begin(&slices, d, room))
+        .collect();
+    let known: Vec<(f64, f64)> =
+        cells.iter().flatten().map(|cell| (cell.error, f64::from(cell.samples()))).collect();
+    let energy: f64 = cells.iter().flatten().map(|cell| cell.energy).sum();
+    let mut targets = targets(&known, tolerance * tolerance * energy).into_iter();
+    let targets: Vec<f64> = cells
+        .iter()
+        .map(|cell| cell.as_ref().and_then(|_| targets.next()).unwrap_or(0.0))
+        .collect();
+    cells.par_iter_mut().zip(targets).for_each_init(Room::default, |room, (cell, target)| {
+        if let Some(cell) = cell {
+            cell.settle(&slices, target, room);
         }
+    });
+    let sum = |part: fn(&Settling) -> f64| cells.iter().flatten().map(part).sum::<f64>();
+    let (error, energy) = (sum(|cell| cell.error * cell.error), sum(|cell| cell.energy));
+    let images = cells.iter().map(|cell| cell.as_ref()?.image.as_ref().map(single)).collect();
+    Transported {
+        grid: Grid::from_images(levels, images),
+        relative_error: if energy > 0.0 { (error / energy).sqrt() } else { 0.0 },
     }
-    // Only what is above the destination counts.
-    low.z = low.z.max(0.0);
-    high.z = high.z.max(0.0);
-    let least = |low: f64, high: f64| {
-        if low <= 0.0 && high >= 0.0 { 0.0 } else { low.abs().min(high.abs()) }
-    };
-    let most = |low: f64, high: f64| low.abs().max(high.abs());
-    let bound = |i: usize, j: usize| {
-        let near = least(low[j], high[j]).hypot(least(low.z, high.z));
-        let far = most(low[j], high[j]).hypot(most(low.z, high.z));
-        let cosine = |d: f64, rest: f64| if d == 0.0 { 0.0 } else { d / d.hypot(rest) };
-        let top = cosine(high[i], if high[i] > 0.0 { near } else { far });
-        let bottom = cosine(low[i], if low[i] < 0.0 { near } else { far });
-        (bottom, top)
-    };
-    let ((x0, x1), (y0, y1)) = (bound(0, 1), bound(1, 0));
-    // Rounding must not shave a direction off.
-    [DVec2::new(x0, y0) - 1e-12, DVec2::new(x1, y1) + 1e-12]
+}
+
+fn single(image: &Image) -> Vec<Rgb> {
+    image.iter().map(|rgb| rgb.map(|x| x as f32)).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::transport::{CellRule, Exact, Support};
     use crate::{Lobe, Polygon};
 
     fn rectangle(origin: [f64; 3], u: [f64; 3], v: [f64; 3]) -> Polygon {
@@ -311,5 +249,130 @@ mod tests {
             (0.3..0.4 * std::f64::consts::FRAC_PI_2 + 0.01).contains(&(rows[4] / 8.0)),
             "{rows:?}"
         );
+    }
+
+    /// Sources over the unit square: over it, across it, at an edge, far away.
+    fn geometries() -> Vec<TransportGeometry> {
+        let floor = rectangle([0., 0., 0.], [1., 0., 0.], [0., 1., 0.]);
+        [
+            rectangle([-0.2, 1.5, 0.3], [1., 0., 0.], [0., 0., 1.]),
+            rectangle([-0.3, 0.7, 1.2], [0., 0.8, -0.6], [0.8, 0.36, 0.48]),
+            rectangle([0., 1., 0.], [1., 0., 0.], [0., 0., 1.]),
+            rectangle([0.2, 7.0, 0.6], [1., 0., 0.], [0., 0., 1.]),
+            // Backwards, and u over v.
+            rectangle([0.3, 0.2, 1.0], [0., -1., 0.], [-0.5, 0., 0.]),
+        ]
+        .map(|source| TransportGeometry::new(source, floor.clone()))
+        .into()
+    }
+
+    fn window(level: u8) -> Emission {
+        let picture = (0..1_u16 << (2 * level)).map(|i| {
+            [f32::from(i % 5), f32::from(i % 3), f32::from(u8::from(i % 4 > 1))].map(|x| 0.3 * x)
+        });
+        Emission::new(level, picture.collect(), Lobe::Lambertian)
+    }
+
+    /// ‖a − b‖ / ‖b‖.
+    fn red(a: &Grid, b: &Grid) -> f64 {
+        let levels = b.levels();
+        let (p, d) = (1 << levels.position, 1 << levels.direction);
+        let (mut difference, mut size) = (0.0, 0.0);
+        for i in 0..levels.positions() * levels.directions() {
+            let m = [i % p, i / p % p, i / (p * p) % d, i / (p * p * d)];
+            for (a, b) in a.mean(m).into_iter().zip(b.mean(m)) {
+                difference += f64::from(a - b).powi(2);
+                size += f64::from(b).powi(2);
+            }
+        }
+        (difference / size).sqrt()
+    }
+
+    /// Every cell against the kink-split integral of each source cell: two ways that
+    /// share neither clipping nor quadrature.
+    #[test]
+    fn a_block_within_a_tolerance_is_that_far_from_exact() {
+        let levels = Levels { position: 1, direction: 2 };
+        let source = window(1);
+        for (case, geometry) in geometries().iter().enumerate() {
+            let rule = CellRule::Exact(Exact { tolerance: 1e-7 });
+            let from = Levels { position: 1, direction: 0 };
+            let mean = |k: [u16; 4]| {
+                let mut sum = [0.0; 3];
+                for (j, texel) in source.picture().iter().enumerate() {
+                    let j = Support { levels: from, m: [j as u16 % 2, j as u16 / 2, 0, 0] };
+                    let found = rule.radiance(geometry, j, Support { levels, m: k });
+                    for (sum, x) in sum.iter_mut().zip(texel) {
+                        *sum += found.mean * f64::from(*x);
+                    }
+                }
+                sum.map(|x| x as f32)
+            };
+            let images = (0..16_u16)
+                .map(|d| Some((0..4_u16).map(|p| mean([p % 2, p / 2, d % 4, d / 4])).collect()));
+            let exact = Grid::from_images(levels, images.collect());
+            for tolerance in [3e-2, 1e-3, 1e-4] {
+                let found = transport_within(geometry, &source, levels, tolerance);
+                let (error, estimate) = (red(&found.grid, &exact), found.relative_error);
+                assert!(estimate <= tolerance, "case {case}: {estimate} for {tolerance}");
+                assert!(error <= estimate + 1e-6, "case {case}: {error} ± {estimate}");
+            }
+        }
+    }
+
+    /// Also for pictures finer than the destination, and a source of direction cells.
+    #[test]
+    fn estimates_of_a_block_hold() {
+        let levels = Levels::isotropic(3);
+        for (case, geometry) in geometries().iter().enumerate() {
+            let source = window(4);
+            let fine = transport_within(geometry, &source, levels, 1e-4).grid;
+            let found = transport_within(geometry, &source, levels, 1e-2);
+            let error = red(&found.grid, &fine);
+            let estimate = found.relative_error;
+            assert!(error <= estimate && estimate <= 1e-2, "case {case}: {error} ± {estimate}");
+        }
+        let geometry = &geometries()[1];
+        let source = window(2).project(3);
+        let fine = transport_within(geometry, &source, levels, 2e-3).grid;
+        let found = transport_within(geometry, &source, levels, 2e-2);
+        let (error, estimate) = (red(&found.grid, &fine), found.relative_error);
+        assert!(error <= estimate && estimate <= 2e-2, "{error} ± {estimate}");
+    }
+
+    /// Where footprints repeat by whole texels (all cases but the oblique one), the
+    /// stencil and the general path give the same.
+    #[test]
+    fn repeating_footprints_change_nothing() {
+        let levels = Levels { position: 3, direction: 4 };
+        for (case, geometry) in geometries().iter().enumerate() {
+            let source = window(3);
+            let [fast, slow] = [true, false].map(|stencils| {
+                let slices = Slices::new(geometry, &source, levels, stencils);
+                assert_eq!(slices.repeats(), stencils && case != 1, "case {case}");
+                let mut room = Room::default();
+                let images = (0..levels.directions()).map(|d| {
+                    let regions = slices.regions(d).into_iter();
+                    let regions: Vec<_> = regions.map(|region| (region, [5, 3])).collect();
+                    Some(single(&slices.image(&regions, &mut room)?))
+                });
+                Grid::from_images(levels, images.collect())
+            });
+            let error = red(&fast, &slow);
+            assert!(error < 1e-7, "case {case}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_block_is_the_same_from_any_number_of_threads() {
+        let geometry = &geometries()[1];
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+            let pool = pool.expect("a thread pool");
+            let found =
+                pool.install(|| transport_within(geometry, &window(3), Levels::isotropic(2), 1e-3));
+            (found.grid.images().to_vec(), found.relative_error)
+        };
+        assert_eq!(run(1), run(3));
     }
 }

@@ -2,14 +2,19 @@
 
 mod block;
 mod cell;
+mod directions;
 mod geometry;
 mod integrate;
 mod oracle;
 mod pair;
 mod recursion;
+mod refine;
 mod resample;
+mod slice;
+mod sparse;
+mod stencil;
 
-pub use block::{BlockOptions, Source, transport_block};
+pub use block::{BlockOptions, Source, Transported, transport_block, transport_within};
 pub use cell::{CellRadiance, CellRule};
 pub use geometry::TransportGeometry;
 pub use integrate::{
@@ -18,4 +23,7 @@ pub use integrate::{
 };
 pub use oracle::{Verdict, oracle};
 pub use pair::{Pair, Support};
-pub use recursion::{Counts, RecursionOptions, transport_coefficient, transport_tree};
+pub use recursion::{
+    Counts, RecursionOptions, transport_coefficient, transport_tree, transport_tree_below,
+};
+pub use sparse::{Sparse, transport_sparse};

@@ -175,7 +175,7 @@ impl<'a> Pair<'a> {
                 for (start, edge) in source {
                     let n = edge.cross(mu);
                     let c = n.dot(*start);
-                    overlap = overlap.clipped(|p| n.x * p.x + n.y * p.y - c);
+                    overlap.clip(|p| n.x * p.x + n.y * p.y - c);
                     if overlap.is_empty() {
                         break;
                     }

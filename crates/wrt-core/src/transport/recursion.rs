@@ -90,11 +90,35 @@ pub fn transport_tree(
     levels: Levels,
     options: &RecursionOptions<'_>,
 ) -> (TreeBuilder, Counts) {
+    transport_tree_below(geometry, source, levels, Cell::ROOT, options)
+}
+
+/// [`transport_tree`] from another top of the destination (`wiDTop` of Fig. 11):
+/// the radiance within the cell `top` alone, 0 elsewhere.
+///
+/// What several tops that tile the destination give adds up to the whole, so that
+/// deep levels can be had where they are wanted and in parts. Coefficients above
+/// `top` are those of the part: a pure smoothing coefficient is stored at the root
+/// only, and carries up there.
+///
+/// # Panics
+///
+/// If `top` is no cell of `levels`.
+#[must_use]
+pub fn transport_tree_below(
+    geometry: &TransportGeometry,
+    source: &Tree,
+    levels: Levels,
+    top: Cell,
+    options: &RecursionOptions<'_>,
+) -> (TreeBuilder, Counts) {
+    assert!(top.depth <= levels.depth(), "{top:?} lies below {levels:?}");
     let mut recursion = Recursion {
         geometry,
         options,
         source_levels: source.levels(),
         levels,
+        top,
         dest: TreeBuilder::new(levels),
         counts: Counts::default(),
     };
@@ -108,6 +132,7 @@ struct Recursion<'a> {
     options: &'a RecursionOptions<'a>,
     source_levels: Levels,
     levels: Levels,
+    top: Cell,
     dest: TreeBuilder,
     counts: Counts,
 }
@@ -117,15 +142,15 @@ impl Recursion<'_> {
     /// coefficient pushed down from its ancestors.
     fn descend(&mut self, source: &Tree, at: Option<usize>, cell: Cell, smooth: [f64; 3]) {
         let from = support(self.source_levels, cell);
-        let dest = support(self.levels, Cell::ROOT);
+        let dest = support(self.levels, self.top);
         if self.options.oracle && oracle(&Pair::new(self.geometry, from, dest)) == Verdict::Zero {
             self.counts.zero += 1;
             return;
         }
         let Some(i) = at else {
             if smooth != [0.0; 3] {
-                let t = self.propagate(from, smooth, Cell::ROOT);
-                self.dest.add_root(smooth.map(|b| b * t));
+                let t = self.propagate(from, smooth, self.top);
+                self.carry_up(t, smooth);
             }
             return;
         };
@@ -135,6 +160,21 @@ impl Recursion<'_> {
             let child = source.nodes()[i].child(m_prime);
             self.descend(source, child, cell.child(split, m_prime), values[m_prime]);
         }
+    }
+
+    /// Adds the ancestors' part of `t`, the transport into the smoothing function
+    /// of the top cell, times `value`.
+    fn carry_up(&mut self, mut t: f64, value: [f64; 3]) {
+        for depth in (0..self.top.depth).rev() {
+            let split = self.levels.split(depth);
+            let (parent, m_prime) = parent(self.levels, self.top, depth);
+            let mut one = [0.0; CHILDREN];
+            one[m_prime] = t;
+            pull(&mut one, split);
+            self.dest.add_node(parent, &one.map(|t| value.map(|b| b * t)));
+            t = one[0];
+        }
+        self.dest.add_root(value.map(|b| b * t));
     }
 
     /// `tc_propagate`, Fig. 10: adds the transport of one source smoothing
@@ -181,10 +221,25 @@ fn support(levels: Levels, cell: Cell) -> Support {
     Support { levels, m: cell.m }
 }
 
+/// The ancestor of `cell` at `depth`, and which of its children `cell` lies in.
+fn parent(levels: Levels, cell: Cell, depth: u8) -> (Cell, usize) {
+    let split = levels.split(depth);
+    let (mut m, mut m_prime) = (cell.m, 0);
+    for (d, m) in m.iter_mut().enumerate() {
+        let level = if d < 2 { levels.position } else { levels.direction };
+        let below = cell.depth.min(level) - depth.min(level);
+        if split >> d & 1 == 1 {
+            m_prime |= usize::from(*m >> (below - 1) & 1) << d;
+        }
+        *m >>= below;
+    }
+    (Cell { depth, m }, m_prime)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::transport::{BlockOptions, Exact, transport_block};
+    use crate::transport::{BlockOptions, Exact, Method, transport_block};
     use crate::{Emission, Grid, Lobe, Polygon};
     use glam::DVec3;
 
@@ -237,6 +292,110 @@ mod tests {
             distance(&fast, &slow) / size
         });
         assert!(errors[1] < 4e-3 && errors[1] < 0.5 * errors[0], "{errors:?}");
+    }
+
+    /// Parts that tile the destination add up to it, and each is 0 outside its own.
+    #[test]
+    fn tops_that_tile_the_destination_add_up_to_the_whole() {
+        let geometry = window_over_floor();
+        let source = TreeBuilder::from_grid(&emission().project(1)).finish();
+        let levels = Levels { position: 1, direction: 2 };
+        // Whatever a rule gives, it gives to the whole and to its part alike.
+        let rule: Method = "trapezoid2d:9".parse().expect("a method");
+        let options = RecursionOptions { integrator: &rule, oracle: true };
+        let whole = transport_tree(&geometry, &source, levels, &options).0.finish().to_grid();
+        let below = |top| {
+            let (part, _) = transport_tree_below(&geometry, &source, levels, top, &options);
+            part.finish().to_grid()
+        };
+        for depth in 1..=2 {
+            let cells: Vec<Cell> = (0..256)
+                .map(|i| Cell { depth, m: [i & 1, i >> 1 & 1, i >> 2 & 7, i >> 5 & 7] })
+                .filter(|cell| cell.m[2].max(cell.m[3]) < 1 << depth)
+                .collect();
+            let parts: Vec<Grid> = cells.iter().map(|&top| below(top)).collect();
+            let sum = Grid::sum(levels, parts.iter().cloned());
+            let off = distance(&sum, &whole) / whole.norm_squared().sqrt();
+            assert!(off < 1e-6, "depth {depth}: {off:e}, rounding to f32");
+            let shift = 2 - depth;
+            for (top, part) in cells.iter().zip(&parts) {
+                for (i, l) in (0..16).flat_map(|k| (0..4).map(move |p| (p, k))) {
+                    let m = [i & 1, i >> 1, l & 3, l >> 2];
+                    let inside = top.m[0] as usize == m[0]
+                        && top.m[1] as usize == m[1]
+                        && top.m[2] as usize == m[2] >> shift
+                        && top.m[3] as usize == m[3] >> shift;
+                    let size = part.mean(m)[0].abs();
+                    assert!(inside || size < 1e-6, "{top:?} reaches {m:?} with {size}");
+                }
+            }
+        }
+    }
+
+    /// Two levels below a cell at depth 14: the means there are those of exact
+    /// integration, of a source with levels of its own.
+    #[test]
+    fn levels_reach_sixteen() {
+        let geometry = window_over_floor();
+        let source = TreeBuilder::from_grid(&emission().project(1)).finish();
+        let levels = Levels::isotropic(Levels::MAX);
+        let exact = Exact { tolerance: 1e-8 };
+        let options = RecursionOptions { integrator: &exact, oracle: true };
+        // Where a ray from (0, 0.7) of the floor to the middle of the window lands.
+        let to = DVec3::new(0.0, -0.9, 1.2).normalize();
+        let at = |x: f64, level: u8| (x * f64::from(1_u32 << level)) as u16;
+        let q = [0.5, 0.7, 0.5 * (to.x + 1.0), 0.5 * (to.y + 1.0)];
+        let top = Cell { depth: 14, m: q.map(|x| at(x, 14)) };
+        let (builder, counts) = transport_tree_below(&geometry, &source, levels, top, &options);
+        let tree = builder.finish();
+        assert!(counts.whole > 0, "{counts:?}");
+        let mean = |m: [u16; 4]| -> [f64; 3] {
+            let mut sum = [0.0; 3];
+            source.visit_leaves(&mut |low, size, value| {
+                assert_eq!(size, [1, 1], "a leaf of the finest level");
+                let j = Support::isotropic(1, low.map(|m| m as u16));
+                let k = Support::isotropic(16, m);
+                let t = exact.integrate(&Pair::new(&geometry, j, k)).value;
+                let share = t * k.scale() / j.scale();
+                sum = std::array::from_fn(|c| sum[c] + share * value[c]);
+            });
+            sum
+        };
+        for step in [[0, 0, 0, 0], [1, 2, 3, 0], [3, 3, 3, 3]] {
+            let m: [u16; 4] = std::array::from_fn(|d| 4 * top.m[d] + step[d]);
+            let centre = m.map(|m| (f64::from(m) + 0.5) / 65_536.0);
+            let (found, expected) = (tree.eval(centre), mean(m));
+            assert!(expected[0] > 1e-3, "{expected:?}");
+            for c in 0..3 {
+                let off = (found[c] / expected[c] - 1.0).abs();
+                // 2^32 of f32's 24 bits: sixteen levels of coefficients add up.
+                assert!(off < 1e-5, "{step:?} channel {c}: {found:?} {expected:?}");
+            }
+        }
+    }
+
+    /// Coefficients are achromatic (§7.2.2.2): what happens to a channel does not
+    /// depend on its place, nor on the others.
+    #[test]
+    fn channels_in_another_order_arrive_in_that_order() {
+        let geometry = window_over_floor();
+        let turned = |emission: &Emission| {
+            let picture = emission.picture().iter().map(|&[r, g, b]| [g, b, r]).collect();
+            Emission::new(emission.level(), picture, emission.lobe().clone())
+        };
+        let rule: Method = "trapezoid2d:9".parse().expect("a method");
+        let options = RecursionOptions { integrator: &rule, oracle: true };
+        let levels = Levels { position: 1, direction: 2 };
+        let arrives = |emission: &Emission| {
+            let source = TreeBuilder::from_grid(&emission.project(1)).finish();
+            transport_tree(&geometry, &source, levels, &options).0.finish().to_grid()
+        };
+        let (straight, permuted) = (arrives(&emission()), arrives(&turned(&emission())));
+        for (i, l) in (0..16).flat_map(|k| (0..4).map(move |p| (p, k))) {
+            let m = [i & 1, i >> 1, l & 3, l >> 2];
+            let [r, g, b] = straight.mean(m);
+            assert_eq!(permuted.mean(m), [g, b, r], "{m:?}");
+        }
     }
 
     #[test]

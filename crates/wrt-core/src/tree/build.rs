@@ -95,12 +95,8 @@ impl TreeBuilder {
     /// The finished tree, with the coefficients that are zero left out.
     #[must_use]
     pub fn finish(&self) -> Tree {
-        let mut tree = Tree {
-            levels: self.levels,
-            root: self.root.map(|x| x as f32),
-            nodes: Vec::new(),
-            coefficients: Vec::new(),
-        };
+        let mut tree = Tree::dark(self.levels);
+        tree.root = self.root.map(|x| x as f32);
         if self.nodes.is_empty() {
             return tree;
         }

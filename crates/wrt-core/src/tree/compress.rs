@@ -1,6 +1,7 @@
 //! L²-optimal thresholding of a tree (§7.2.2).
 
 use super::{Node, Tree, energy};
+use crate::Levels;
 
 /// What to keep.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,8 +66,32 @@ impl Tree {
         (self.filtered(&keeps), compression)
     }
 
+    /// The tree down to `depth` splits: its means over the cells there.
+    #[must_use]
+    pub fn truncated(&self, depth: u8) -> Self {
+        let levels = Levels {
+            position: self.levels.position.min(depth),
+            direction: self.levels.direction.min(depth),
+        };
+        // Breadth first, what is kept comes first.
+        let (mut start, mut end) = (0, usize::from(!self.nodes.is_empty() && depth > 0));
+        for _ in 1..depth {
+            let last = self.nodes[start..end].last();
+            let next = last.map_or(end, |n| (n.first_child + n.child_mask.count_ones()) as usize);
+            (start, end) = (end, next);
+        }
+        let mut nodes = self.nodes[..end].to_vec();
+        for node in &mut nodes[start..] {
+            node.child_mask = 0;
+        }
+        let kept = nodes.last().map_or(0, |n| n.first_coefficient + n.nu_mask.count_ones());
+        let coefficients = self.coefficients[..kept as usize].to_vec();
+        let every = vec![true; coefficients.len()];
+        Self { levels, root: self.root, nodes, coefficients, code: None }.filtered(&every)
+    }
+
     /// The tree with the coefficients that `keeps` marks.
-    fn filtered(&self, keeps: &[bool]) -> Self {
+    pub(super) fn filtered(&self, keeps: &[bool]) -> Self {
         let nu_mask = |node: &Node| {
             (1..16)
                 .filter(|&nu| node.coefficient(nu).is_some_and(|c| keeps[c]))
@@ -78,12 +103,7 @@ impl Tree {
             alive[i] = nu_mask(node) != 0
                 || (0..16).any(|m| node.child(m).is_some_and(|child| alive[child]));
         }
-        let mut out = Self {
-            levels: self.levels,
-            root: self.root,
-            nodes: Vec::new(),
-            coefficients: Vec::new(),
-        };
+        let mut out = Self { root: self.root, ..Self::dark(self.levels) };
         let mut next_child = 1;
         for (node, _) in self.nodes.iter().zip(&alive).filter(|(_, alive)| **alive) {
             let child_mask = (0..16)
@@ -108,7 +128,7 @@ impl Tree {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Levels, TreeBuilder, grid::Grid};
+    use crate::{TreeBuilder, grid::Grid};
 
     /// A smooth function with a step, on 4² × 4² cells.
     fn tree() -> Tree {
@@ -143,6 +163,21 @@ mod tests {
             let (_, fewer) = tree.compressed(Keep::Count(report.after - 1));
             assert!(fewer.relative_error > error, "{fewer:?} against {report:?}");
         }
+    }
+
+    #[test]
+    fn a_truncated_tree_has_the_means_of_the_coarser_cells() {
+        let tree = tree().compressed(Keep::Count(60)).0;
+        let (fine, coarse) = (tree.to_grid(), tree.truncated(1).to_grid());
+        assert_eq!(coarse.levels(), Levels::isotropic(1));
+        for cell in 0..16_usize {
+            let m: [usize; 4] = std::array::from_fn(|d| cell >> d & 1);
+            let inside = (0..16).map(|i| std::array::from_fn(|d| 2 * m[d] + (i >> d & 1)));
+            let sum = inside.fold(0.0, |sum, m: [usize; 4]| sum + fine.mean(m)[0]);
+            assert!((coarse.mean(m)[0] - sum / 16.0).abs() < 1e-6, "{m:?}");
+        }
+        assert_eq!(tree.truncated(2), tree);
+        assert_eq!(tree.truncated(0).nodes(), &[]);
     }
 
     #[test]

@@ -1,10 +1,14 @@
 //! The wavelet coefficient tree (WCT) of a radiance (§7.2.2).
 
 mod build;
+mod codec;
 mod compress;
+mod difference;
 
 pub use build::TreeBuilder;
+pub use codec::Quantisation;
 pub use compress::{Compression, Keep};
+pub use difference::Difference;
 
 use crate::grid::{Grid, Rgb};
 use crate::{CHILDREN, Cell, Levels, children, push};
@@ -21,6 +25,8 @@ pub struct Tree {
     root: Rgb,
     nodes: Vec<Node>,
     coefficients: Vec<Rgb>,
+    /// What it is stored as, if it has been quantised.
+    code: Option<codec::Code>,
 }
 
 /// A node of a [`Tree`]: which children and which coefficients it has, and where.
@@ -119,7 +125,12 @@ impl Tree {
             let found = coefficients.len();
             return Err(format!("{found} coefficients, but the masks name {next_coefficient}"));
         }
-        Ok(Self { levels, root, nodes, coefficients })
+        Ok(Self { levels, root, nodes, coefficients, code: None })
+    }
+
+    /// L = 0.
+    fn dark(levels: Levels) -> Self {
+        Self { levels, root: [0.0; 3], nodes: Vec::new(), coefficients: Vec::new(), code: None }
     }
 
     /// Its levels.

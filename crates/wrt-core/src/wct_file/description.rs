@@ -1,6 +1,7 @@
 //! The JSON description. Fields are in alphabetical order: they are written in
 //! the order they are declared.
 
+use super::smooth::SmoothDescription;
 use crate::grid::Rgb;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -55,6 +56,8 @@ pub(super) struct Description {
     /// For what a later version adds to the whole file: read past, not written.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub(super) sections: BTreeMap<String, Section>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) smooth_patches: Vec<SmoothDescription>,
     pub(super) units: String,
 }
 
@@ -113,5 +116,11 @@ pub(super) const CHILD_MASK: &str = "child_mask";
 pub(super) const NU_MASK: &str = "nu_mask";
 pub(super) const COEFFICIENTS: &str = "coefficients";
 
+/// The one section of a tree that has been quantised.
+pub(super) const TREE: &str = "tree";
+
 /// A section as it lies in the file.
 pub(super) const RAW: &str = "raw";
+
+/// The bytes of [`Tree::code`](crate::Tree::code).
+pub(super) const REGION_HAAR: &str = "region-haar";

@@ -9,8 +9,9 @@ pub const MAGIC: [u8; 8] = *b"\x89WCT\r\n\x1a\n";
 /// The format version written, and the newest one read.
 pub const MAJOR: u16 = 1;
 
-/// The additions written; a reader takes any.
-pub const MINOR: u16 = 0;
+/// The newest additions written; a reader takes any. A file that has no use for
+/// them is written as of the version before.
+pub const MINOR: u16 = 1;
 
 /// Bytes of the header, and what sections are aligned to: a cache line.
 pub(super) const ALIGN: usize = 64;
@@ -21,6 +22,7 @@ const CHECKED: usize = 60;
 /// What the header says.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Header {
+    pub(super) minor: u16,
     pub(super) description_len: u64,
     pub(super) file_len: u64,
     pub(super) description_crc: u32,
@@ -31,7 +33,7 @@ impl Header {
         let mut bytes = [0; ALIGN];
         bytes[..8].copy_from_slice(&MAGIC);
         bytes[8..10].copy_from_slice(&MAJOR.to_le_bytes());
-        bytes[10..12].copy_from_slice(&MINOR.to_le_bytes());
+        bytes[10..12].copy_from_slice(&self.minor.to_le_bytes());
         bytes[16..24].copy_from_slice(&self.description_len.to_le_bytes());
         bytes[24..32].copy_from_slice(&self.file_len.to_le_bytes());
         bytes[32..36].copy_from_slice(&self.description_crc.to_le_bytes());
@@ -83,7 +85,8 @@ impl Header {
             return Err(bad("a reserved byte", header[36 + at].into(), "0", 36 + at as u64));
         }
         let description_crc = u32::from_le_bytes(field(header, 32));
-        Ok(Self { description_len, file_len, description_crc })
+        let minor = u16::from_le_bytes(field(header, 10));
+        Ok(Self { minor, description_len, file_len, description_crc })
     }
 }
 

@@ -2,10 +2,11 @@
 
 use super::description::{
     Basis, CHILD_MASK, COEFFICIENTS, COLOUR_SPACE, Description, NU_MASK, PatchDescription, RAW,
-    Section, UNITS,
+    REGION_HAAR, Section, TREE, UNITS,
 };
 use super::header::{ALIGN, Header};
-use super::{Patch, PatchGeometry, WctFile};
+use super::smooth::{self, SmoothDescription};
+use super::{Patch, PatchGeometry, SmoothPatch, WctFile};
 use crate::{Error, Levels, Result, Tree};
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -30,7 +31,8 @@ impl WctFile {
     }
 
     /// Reads the bytes of a file. They may be anything: there is no panic, and no
-    /// more memory in use than 16 times their number.
+    /// more memory in use than 16 times their number, or 6000 times that of coded
+    /// trees.
     ///
     /// # Errors
     ///
@@ -78,8 +80,17 @@ impl WctFile {
             }
             data.patch(i, patch)
         });
+        let patches = patches.collect::<Result<_>>()?;
+        let smooth = description.smooth_patches.into_iter().enumerate().map(|(i, patch)| {
+            if !names.insert(patch.name.clone()) {
+                let reason = "an earlier patch has the same name";
+                return Err(bad_patch(&patch.name, reason, ALIGN as u64));
+            }
+            data.smooth_patch(i, patch)
+        });
         Ok(Self {
-            patches: patches.collect::<Result<_>>()?,
+            patches,
+            smooth: smooth.collect::<Result<_>>()?,
             generator: description.generator,
             input_hash: description.input_hash,
             options: description.options,
@@ -119,15 +130,23 @@ impl Description {
         let patches = self.patches.iter().enumerate().flat_map(|(i, patch)| {
             patch.sections.iter().map(move |(name, section)| (path(i, name), section))
         });
+        let smooth = self.smooth_patches.iter().enumerate().flat_map(|(i, patch)| {
+            patch.sections.iter().map(move |(name, section)| (smooth_path(i, name), section))
+        });
         self.sections
             .iter()
             .map(|(name, section)| (format!("sections.{name}"), section))
             .chain(patches)
+            .chain(smooth)
     }
 }
 
 fn path(patch: usize, section: &str) -> String {
     format!("patches[{patch}].sections.{section}")
+}
+
+fn smooth_path(patch: usize, section: &str) -> String {
+    format!("smooth_patches[{patch}].sections.{section}")
 }
 
 /// What follows the description.
@@ -197,19 +216,28 @@ impl<'a> Data<'a> {
     fn section(
         self,
         (i, patch): (usize, &PatchDescription),
-        name: &str,
+        (name, codec): (&str, &str),
+        dtype: (&str, u64),
+        shape: &[u64],
+    ) -> Result<&'a [u8]> {
+        self.checked((&path(i, name), codec), patch.sections.get(name), dtype, shape)
+    }
+
+    fn checked(
+        self,
+        (path, codec): (&str, &str),
+        section: Option<&Section>,
         (dtype, size): (&str, u64),
         shape: &[u64],
     ) -> Result<&'a [u8]> {
-        let path = path(i, name);
-        let Some(section) = patch.sections.get(name) else {
-            return Err(bad(&path, "missing", "there"));
+        let Some(section) = section else {
+            return Err(bad(path, "missing", "there"));
         };
-        if section.codec != RAW {
+        if section.codec != codec {
             return Err(Error::Unsupported {
                 what: format!("{path}.codec"),
                 found: section.codec.clone(),
-                known: RAW.to_owned(),
+                known: codec.to_owned(),
                 offset: ALIGN as u64,
             });
         }
@@ -241,18 +269,10 @@ impl<'a> Data<'a> {
                 return Err(bad(&format!("patches[{i}].levels.{what}"), level, "at most 16"));
             }
         }
-        let child_masks = self.section((i, &patch), CHILD_MASK, ("u16", 2), &[n])?;
-        let nu_masks = self.section((i, &patch), NU_MASK, ("u16", 2), &[n])?;
-        let floats = self.section((i, &patch), COEFFICIENTS, ("f32", 4), &[c, 3])?;
-        let masks: Vec<(u16, u16)> = u16s(child_masks).zip(u16s(nu_masks)).collect();
-        let coefficients = floats.as_chunks::<12>().0.iter().map(|rgb| {
-            std::array::from_fn(|c| {
-                f32::from_le_bytes([rgb[4 * c], rgb[4 * c + 1], rgb[4 * c + 2], rgb[4 * c + 3]])
-            })
-        });
-        let offset = self.start + patch.sections[CHILD_MASK].offset;
-        let tree = Tree::from_parts(levels, patch.root, &masks, coefficients.collect())
-            .map_err(|reason| bad_patch(&patch.name, &reason, offset))?;
+        let tree = match patch.sections.get(TREE) {
+            Some(section) => self.coded_tree((i, &patch), section, levels)?,
+            None => self.raw_tree((i, &patch), levels)?,
+        };
         let patch = Patch {
             polygon: PatchGeometry { vertices: patch.vertices, chart: patch.chart },
             side: patch.side,
@@ -265,6 +285,75 @@ impl<'a> Data<'a> {
             Some(fault) => Err(bad_patch(&patch.name, fault, ALIGN as u64)),
             None => Ok(patch),
         }
+    }
+
+    /// The tree of masks and coefficients as they are.
+    fn raw_tree(self, (i, patch): (usize, &PatchDescription), levels: Levels) -> Result<Tree> {
+        let (n, c) = (patch.nodes, patch.coefficients);
+        let section =
+            |name, dtype, shape: &[u64]| self.section((i, patch), (name, RAW), dtype, shape);
+        let child_masks = section(CHILD_MASK, ("u16", 2), &[n])?;
+        let nu_masks = section(NU_MASK, ("u16", 2), &[n])?;
+        let floats = section(COEFFICIENTS, ("f32", 4), &[c, 3])?;
+        let masks: Vec<(u16, u16)> = u16s(child_masks).zip(u16s(nu_masks)).collect();
+        let coefficients = floats.as_chunks::<12>().0.iter().map(|rgb| {
+            std::array::from_fn(|c| {
+                f32::from_le_bytes([rgb[4 * c], rgb[4 * c + 1], rgb[4 * c + 2], rgb[4 * c + 3]])
+            })
+        });
+        let offset = self.start + patch.sections[CHILD_MASK].offset;
+        Tree::from_parts(levels, patch.root, &masks, coefficients.collect())
+            .map_err(|reason| bad_patch(&patch.name, &reason, offset))
+    }
+
+    /// The tree that a section has quantised.
+    fn coded_tree(
+        self,
+        (i, patch): (usize, &PatchDescription),
+        section: &Section,
+        levels: Levels,
+    ) -> Result<Tree> {
+        let shape = [section.nbytes];
+        let bytes = self.section((i, patch), (TREE, REGION_HAAR), ("u8", 1), &shape)?;
+        let tree = Tree::from_code(levels, bytes)
+            .map_err(|reason| bad_patch(&patch.name, &reason, self.start + section.offset))?;
+        // What the description says for those who do not decode it.
+        let (nodes, coefficients) = (tree.nodes().len() as u64, tree.coefficients().len() as u64);
+        for (what, found, decoded) in
+            [("nodes", patch.nodes, nodes), ("coefficients", patch.coefficients, coefficients)]
+        {
+            if found != decoded {
+                let allowed = format!("{decoded}, as its code has");
+                return Err(bad(&format!("patches[{i}].{what}"), found, &allowed));
+            }
+        }
+        if patch.root != tree.root() {
+            let allowed = format!("{:?}, as its code has", tree.root());
+            return Err(bad(&format!("patches[{i}].root"), format!("{:?}", patch.root), &allowed));
+        }
+        Ok(tree)
+    }
+}
+
+impl<'a> Data<'a> {
+    fn smooth_patch(self, i: usize, patch: SmoothDescription) -> Result<SmoothPatch> {
+        if patch.basis.family != smooth::LEGENDRE {
+            return Err(Error::Unsupported {
+                what: format!("smooth_patches[{i}].basis.family"),
+                found: patch.basis.family,
+                known: smooth::LEGENDRE.to_owned(),
+                offset: ALIGN as u64,
+            });
+        }
+        let bytes = |name: &str| -> Result<&'a [u8]> {
+            let section = patch.sections.get(name);
+            let shape = section.map_or(0, |section| section.nbytes);
+            self.checked((&smooth_path(i, name), RAW), section, ("u8", 1), &[shape])
+        };
+        let (shape, quanta) = (bytes(smooth::SHAPE)?, bytes(smooth::QUANTA)?);
+        let offset = self.start + patch.sections[smooth::SHAPE].offset;
+        let name = patch.name.clone();
+        smooth::assemble(patch, shape, quanta).map_err(|reason| bad_patch(&name, &reason, offset))
     }
 }
 

@@ -70,6 +70,15 @@ impl<'a> Buffers<'a> {
             .with_context(|| format!("accessor {}", index.value()))
     }
 
+    /// How many components an element of the accessor has.
+    ///
+    /// # Errors
+    ///
+    /// If there is no such accessor, or none of its type.
+    pub(super) fn components(&self, index: Index<Accessor>) -> anyhow::Result<usize> {
+        Ok(valid(&get(self.root, index, "accessor")?.type_, "type")?.multiplicity())
+    }
+
     /// Vertex indices.
     ///
     /// # Errors

@@ -17,14 +17,39 @@ const SUPPORTED: &[&str] = &[
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_specular",
     "KHR_materials_transmission",
+    "KHR_materials_unlit",
     "KHR_mesh_quantization",
     "KHR_texture_transform",
 ];
 
 /// Extensions without which a file still shows its shapes in the right place.
-const IGNORABLE: &[&str] = &["KHR_animation_pointer", "KHR_materials_unlit"];
+const IGNORABLE: &[&str] = &[
+    "KHR_animation_pointer",
+    "KHR_materials_anisotropy",
+    "KHR_materials_clearcoat",
+    "KHR_materials_diffuse_transmission",
+    "KHR_materials_dispersion",
+    "KHR_materials_iridescence",
+    "KHR_materials_sheen",
+    "KHR_materials_variants",
+    "KHR_materials_volume",
+    "KHR_node_visibility",
+    "KHR_xmp_json_ld",
+];
+
+/// Extensions without which there is nothing to show, and how to do without them.
+const REMEDIES: &[(&str, &str)] = &[
+    ("KHR_draco_mesh_compression", "export it again without Draco compression"),
+    ("EXT_meshopt_compression", "export it again without meshopt compression"),
+    ("KHR_meshopt_compression", "export it again without meshopt compression"),
+    ("KHR_texture_basisu", "export it again with PNG or JPEG textures in place of KTX2"),
+    ("EXT_texture_webp", "export it again with PNG or JPEG textures in place of WebP"),
+    ("EXT_texture_avif", "export it again with PNG or JPEG textures in place of AVIF"),
+    ("MSFT_texture_dds", "export it again with PNG or JPEG textures in place of DDS"),
+];
 
 /// A part of a file's bytes.
 pub(super) type Chunk<'a> = Cow<'a, [u8]>;
@@ -44,6 +69,12 @@ pub(super) fn parse<'a>(
     let version = version.context("no glTF: its JSON has no asset.version")?;
     ensure!(version.starts_with("2."), "glTF version {version}: export it as glTF 2.0");
     check_extensions(&value, warnings)?;
+    // The crate wants a list of nodes in every scene; glTF does not.
+    for scene in value.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
+        if let Some(scene) = scene.as_object_mut() {
+            scene.entry("nodes").or_insert_with(|| Value::Array(Vec::new()));
+        }
+    }
     drop_pointer_channels(&mut value, warnings);
     let root = serde_json::from_value(value).context("its JSON is not that of a glTF")?;
     Ok((root, chunk))
@@ -57,6 +88,8 @@ fn split(bytes: &[u8]) -> anyhow::Result<(Chunk<'_>, Option<Chunk<'_>>)> {
     // The crate subtracts the header's 12 bytes from this length unchecked.
     let length = bytes.get(8..12).and_then(|b| b.try_into().ok()).map(u32::from_le_bytes);
     ensure!(length.is_some_and(|l| l >= 12), "the GLB ends early: it is cut short");
+    let version = bytes[4..8].try_into().map(u32::from_le_bytes).unwrap_or_default();
+    ensure!(version == 2, "GLB version {version}: export it as glTF 2.0");
     let glb = Glb::from_slice(bytes).context("malformed GLB")?;
     Ok((glb.json, glb.bin))
 }
@@ -70,10 +103,13 @@ fn check_extensions(value: &Value, warnings: &mut Warnings) -> anyhow::Result<()
     let required = names("extensionsRequired");
     let unknown: Vec<&str> = required.into_iter().filter(|name| !known(name)).collect();
     if !unknown.is_empty() {
-        bail!(
-            "requires {}, not supported here: export it again without (uncompressed, with PNG or JPEG textures)",
-            unknown.join(", ")
-        );
+        let remedy = |name| REMEDIES.iter().find(|r| r.0 == name).map(|r| r.1);
+        let mut remedies: Vec<&str> = unknown.iter().filter_map(|&name| remedy(name)).collect();
+        if remedies.len() < unknown.len() {
+            remedies.push("export it again without");
+        }
+        remedies.dedup();
+        bail!("requires {}, not supported here: {}", unknown.join(", "), remedies.join("; "));
     }
     for name in names("extensionsUsed") {
         if !SUPPORTED.contains(&name) {
@@ -156,7 +192,9 @@ mod tests {
             "extensionsRequired": ["KHR_materials_ior", "KHR_draco_mesh_compression", "EXT_x"]
         }));
         let text = format!("{:#}", root.expect_err("two are unknown"));
-        assert!(text.starts_with("requires KHR_draco_mesh_compression, EXT_x,"), "{text}");
+        let expected = "requires KHR_draco_mesh_compression, EXT_x, not supported here: \
+                        export it again without Draco compression; export it again without";
+        assert_eq!(text, expected);
     }
 
     #[test]
@@ -168,6 +206,12 @@ mod tests {
         }));
         assert!(root.is_ok(), "{root:?}");
         assert_eq!(warnings, ["ignored extension VENDOR_thing"]);
+    }
+
+    #[test]
+    fn a_scene_may_have_no_nodes() {
+        let (root, _) = parse_value(&json!({"asset": {"version": "2.0"}, "scenes": [{}]}));
+        assert!(root.expect("valid glTF").scenes[0].nodes.is_empty(), "none");
     }
 
     #[test]

@@ -1,102 +1,118 @@
-//! glTF's metallic-roughness materials as Phong ones.
+//! glTF's materials as Phong ones: metallic-roughness by [`MetallicRoughness`],
+//! specular-glossiness directly.
 //!
-//! With roughness r, metalness m, base colour c and the index of refraction η:
-//!
-//! ```text
-//! α = r²    n = clamp(2/α² − 2, 0, 10⁵)
-//! f₀ = lerp(((η−1)/(η+1))², c, m)    k_s = f₀    k_d = c (1−m) (1 − max f₀)
-//! ```
-//!
-//! n is the Blinn-Phong exponent whose half-vector lobe has the GGX width α (B.
-//! Walter et al., *Microfacet Models for Refraction through Rough Surfaces*,
-//! EGSR 2007, §5.2), used for Phong's lobe as it stands. f₀ is glTF's: 0.04 for
-//! η = 1.5, which a file means by saying nothing.
-//!
-//! Only k_d has a texture here. Where a file has one for r and m, or a base
-//! colour texture on a metal, its mean stands for it.
+//! Where textures make k_s and n vary, they do so when rendered; a bake, which
+//! reflects each patch by one BRDF, takes the textures' means.
 
-use super::super::extras::{self, MAX_PHONG_EXPONENT, MaterialExtras};
+use super::super::extras::{self, MaterialExtras};
 use super::super::load::{Warnings, conserve};
-use super::super::{Material, Texture, texture};
+use super::super::{Alpha, Encoding, Map, Material, MetallicRoughness, Texture, Wrap, metallic};
 use super::accessor::Buffers;
 use super::buffer;
 use super::document::{get, valid};
+use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::material::AlphaMode;
-use ::gltf::json::texture::{Info, WrappingMode};
-use ::gltf::json::{Image, Index, Material as Json, Root};
+use ::gltf::json::texture::{Info, MagFilter, WrappingMode};
+use ::gltf::json::{Image, Index, Material as Json, Root, Texture as JsonTexture};
 use anyhow::{Context as _, ensure};
-use glam::{Affine2, DVec3, Mat2, Vec2, Vec3};
+use glam::{Affine2, Mat2, Vec2, Vec3};
+use serde_json::Value;
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Which of a primitive's texture coordinates a material uses, and how.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct TextureCoordinates {
-    pub(super) set: u32,
-    pub(super) transform: Affine2,
-}
-
-impl Default for TextureCoordinates {
-    fn default() -> Self {
-        Self { set: 0, transform: Affine2::IDENTITY }
-    }
-}
-
-/// Images of a file, each decoded when first used.
+/// Textures of a file, each decoded when first used.
 #[derive(Debug)]
 pub(super) struct Textures<'a> {
     root: &'a Root,
     buffers: &'a Buffers<'a>,
     directory: &'a Path,
-    /// Image to index into `loaded`.
-    index: HashMap<usize, usize>,
+    /// Image and what its numbers are, to its first texture in `loaded`.
+    images: HashMap<(usize, Encoding), usize>,
+    /// Texture and what its numbers are, to index into `loaded`.
+    index: HashMap<(usize, Encoding), usize>,
     pub(super) loaded: Vec<Texture>,
 }
 
 impl<'a> Textures<'a> {
     pub(super) fn new(root: &'a Root, buffers: &'a Buffers<'a>, directory: &'a Path) -> Self {
-        Self { root, buffers, directory, index: HashMap::new(), loaded: Vec::new() }
+        let (images, index) = (HashMap::new(), HashMap::new());
+        Self { root, buffers, directory, images, index, loaded: Vec::new() }
     }
 
-    fn load(&mut self, info: &Info, owner: &str, warnings: &mut Warnings) -> anyhow::Result<usize> {
-        let texture = get(self.root, info.index, "texture")?;
+    /// What a material's `info` means.
+    fn map(
+        &mut self,
+        info: &Info,
+        encoding: Encoding,
+        owner: &str,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<Map> {
+        let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
+        self.placed(info.index, info.tex_coord, transform, encoding, owner, warnings)
+    }
+
+    fn placed(
+        &mut self,
+        texture: Index<JsonTexture>,
+        set: u32,
+        transform: Option<&TextureTransform>,
+        encoding: Encoding,
+        owner: &str,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<Map> {
+        let set = transform.and_then(|t| t.tex_coord).unwrap_or(set);
+        if set > 1 {
+            warnings.ignored("texture coordinates beyond sets 0 and 1", owner);
+        }
+        let transform = transform.map_or(Affine2::IDENTITY, affine);
+        ensure!(transform.is_finite(), "KHR_texture_transform is not finite");
+        let set = if set == 1 { 1 } else { 0 };
+        Ok(Map { texture: self.load(texture, encoding)?, set, transform })
+    }
+
+    fn load(&mut self, index: Index<JsonTexture>, encoding: Encoding) -> anyhow::Result<usize> {
+        let texture = get(self.root, index, "texture")?;
+        if let Some(&known) = self.index.get(&(index.value(), encoding)) {
+            return Ok(known);
+        }
+        let image = texture.source.value();
+        let mut loaded = match self.images.get(&(image, encoding)) {
+            Some(&first) => self.loaded[first].clone(),
+            None => self.decode(texture.source, encoding)?,
+        };
+        (loaded.wrap, loaded.nearest) = ([Wrap::Repeat; 2], false);
         if let Some(sampler) = texture.sampler {
             let sampler = get(self.root, sampler, "sampler")?;
             let wrap = [valid(&sampler.wrap_s, "wrapS")?, valid(&sampler.wrap_t, "wrapT")?];
-            if wrap != [WrappingMode::Repeat; 2] {
-                warnings.ignored("texture wrapping other than repeat", owner);
-            }
+            loaded.wrap = wrap.map(|wrap| match wrap {
+                WrappingMode::Repeat => Wrap::Repeat,
+                WrappingMode::MirroredRepeat => Wrap::Mirror,
+                WrappingMode::ClampToEdge => Wrap::Clamp,
+            });
+            let filter = sampler.mag_filter.as_ref().map(|f| valid(f, "magFilter")).transpose()?;
+            loaded.nearest = filter == Some(MagFilter::Nearest);
         }
-        let image = texture.source.value();
-        if let Some(&index) = self.index.get(&image) {
-            return Ok(index);
-        }
-        let bytes = self.bytes(texture.source)?;
-        let name = get(self.root, texture.source, "image")?;
-        let name = name.name.as_deref().or(name.uri.as_deref()).unwrap_or("in the file");
-        let decoded = texture::decode(&bytes).with_context(|| {
+        self.loaded.push(loaded);
+        let new = self.loaded.len() - 1;
+        self.images.entry((image, encoding)).or_insert(new);
+        self.index.insert((index.value(), encoding), new);
+        Ok(new)
+    }
+
+    fn decode(&self, index: Index<Image>, encoding: Encoding) -> anyhow::Result<Texture> {
+        let bytes = self.bytes(index)?;
+        let image = get(self.root, index, "image")?;
+        let name = image.name.as_deref().or(image.uri.as_deref()).unwrap_or("in the file");
+        Texture::decode(&bytes, encoding).with_context(|| {
             // A data URI would fill the screen.
             let short: String = name.chars().take(80).collect();
-            format!("image {image} ({short})")
-        })?;
-        self.loaded.push(decoded);
-        self.index.insert(image, self.loaded.len() - 1);
-        Ok(self.loaded.len() - 1)
+            format!("image {} ({short})", index.value())
+        })
     }
 
-    /// The mean texel of a loaded texture.
-    fn mean_colour(&self, index: usize) -> Vec3 {
-        let texels = &self.loaded[index].texels;
-        // In f64: a large texture has more texels than f32 has whole numbers.
-        let sum: DVec3 = texels.iter().map(|t| t.as_dvec3()).sum();
-        (sum / texels.len() as f64).as_vec3()
-    }
-
-    /// The mean of each channel of an image of numbers.
-    fn mean_numbers(&self, info: &Info) -> anyhow::Result<Vec3> {
-        let texture = get(self.root, info.index, "texture")?;
-        texture::mean(&self.bytes(texture.source)?)
-            .with_context(|| format!("image {}", texture.source.value()))
+    /// The mean of the texture of `map`.
+    fn mean(&self, map: Option<Map>) -> Vec3 {
+        map.map_or(Vec3::ONE, |map| self.loaded[map.texture].mean().truncate())
     }
 
     fn bytes(&self, index: Index<Image>) -> anyhow::Result<Vec<u8>> {
@@ -121,17 +137,91 @@ pub(super) fn read(
     owner: &str,
     textures: &mut Textures<'_>,
     warnings: &mut Warnings,
-) -> anyhow::Result<(Material, TextureCoordinates)> {
-    let pbr = &json.pbr_metallic_roughness;
+) -> anyhow::Result<Material> {
     let extensions = json.extensions.as_ref();
-    let [r, g, b, _] = pbr.base_color_factor.0;
-    let base = colour("baseColorFactor", [r, g, b])?;
-    let mut metallic = fraction("metallicFactor", pbr.metallic_factor.0)?;
-    let mut roughness = fraction("roughnessFactor", pbr.roughness_factor.0)?;
-    if let Some(info) = &pbr.metallic_roughness_texture {
-        let mean = textures.mean_numbers(info).context("metallicRoughnessTexture")?;
-        metallic *= mean.z;
-        roughness *= mean.y;
+    let mut material = Material {
+        name: json.name.clone().unwrap_or_default(),
+        unlit: extensions.is_some_and(|e| e.unlit.is_some()),
+        double_sided: json.double_sided,
+        ..Material::default()
+    };
+    reflection(json, owner, &mut material, textures, warnings)?;
+
+    let transmission = extensions.and_then(|e| e.transmission.as_ref());
+    if transmission.is_some_and(|t| t.transmission_texture.is_some()) {
+        warnings.ignored("transmission textures", owner);
+    }
+    let transmission = transmission.map_or(0.0, |t| t.transmission_factor.0);
+    material.transmission = fraction("transmissionFactor", transmission)?;
+
+    let strength = extensions.and_then(|e| e.emissive_strength.as_ref());
+    let strength = strength.map_or(1.0, |s| s.emissive_strength.0);
+    let emission = colour("emissiveFactor", json.emissive_factor.0)? * strength;
+    material.emission = colour("emissiveStrength times emissiveFactor", emission.into())?;
+    let emissive = json.emissive_texture.as_ref();
+    let emissive = emissive.map(|info| textures.map(info, Encoding::Srgb, owner, warnings));
+    material.emission_texture = emissive.transpose().context("emissiveTexture")?;
+    if material.unlit {
+        // The extension leaves nothing but the base colour.
+        (material.emission, material.emission_texture) = (Vec3::ZERO, None);
+    }
+
+    if let Some(info) = &json.normal_texture {
+        let transform = transform_of(info.extensions.as_ref().map(|e| &e.others))?;
+        let (index, set, transform) = (info.index, info.tex_coord, transform.as_ref());
+        let map = textures.placed(index, set, transform, Encoding::Linear, owner, warnings);
+        material.normal_map = Some((map.context("normalTexture")?, info.scale));
+    }
+    if let Some(info) = &json.occlusion_texture {
+        let transform = transform_of(info.extensions.as_ref().map(|e| &e.others))?;
+        let (index, set, transform) = (info.index, info.tex_coord, transform.as_ref());
+        let map = textures.placed(index, set, transform, Encoding::Linear, owner, warnings);
+        let strength = fraction("occlusionTexture.strength", info.strength.0)?;
+        material.occlusion = Some((map.context("occlusionTexture")?, strength));
+    }
+    extras::read::<MaterialExtras>(&json.extras)?.apply(&mut material)?;
+    Ok(material)
+}
+
+/// Sets what of `material` says how it reflects, and its alpha.
+fn reflection(
+    json: &Json,
+    owner: &str,
+    material: &mut Material,
+    textures: &mut Textures<'_>,
+    warnings: &mut Warnings,
+) -> anyhow::Result<()> {
+    let extensions = json.extensions.as_ref();
+    let pbr = &json.pbr_metallic_roughness;
+    let glossy = extensions.and_then(|e| e.pbr_specular_glossiness.as_ref());
+    let (factor, base) = match glossy {
+        Some(glossy) => (glossy.diffuse_factor.0, &glossy.diffuse_texture),
+        None => (pbr.base_color_factor.0, &pbr.base_color_texture),
+    };
+    let [r, g, b, opacity] = factor;
+    let base_colour = colour("baseColorFactor", [r, g, b])?;
+    let base = base.as_ref().map(|info| textures.map(info, Encoding::Srgb, owner, warnings));
+    material.base_texture = base.transpose().context("baseColorTexture")?;
+    let opacity = fraction("the alpha of baseColorFactor", opacity)?;
+    material.alpha = match valid(&json.alpha_mode, "alphaMode")? {
+        AlphaMode::Opaque => Alpha::Opaque,
+        AlphaMode::Mask => {
+            let cutoff = json.alpha_cutoff.as_ref().map_or(0.5, |c| c.0);
+            Alpha::Mask { factor: opacity, cutoff }
+        }
+        AlphaMode::Blend => Alpha::Blend { factor: opacity },
+    };
+    if let Some(glossy) = glossy {
+        let specular = colour("specularFactor", glossy.specular_factor.0)?;
+        let gloss = fraction("glossinessFactor", glossy.glossiness_factor.0)?;
+        if glossy.specular_glossiness_texture.is_some() {
+            warnings.ignored("specular-glossiness textures", owner);
+        }
+        let specular = specular.min(Vec3::ONE);
+        let diffuse = base_colour * (1.0 - specular.max_element());
+        (material.kd, material.ks) = conserve(diffuse, specular);
+        material.exponent = metallic::exponent(1.0 - gloss);
+        return Ok(());
     }
 
     let mut ior = extensions.and_then(|e| e.ior.as_ref()).map_or(1.5, |i| i.ior.0);
@@ -141,6 +231,7 @@ pub(super) fn read(
         ior = 1.5;
     }
     ensure!(ior.is_finite() && ior >= 1.0, "ior is {ior}, below 1 or infinite");
+    material.ior = ior;
     let mut dielectric = Vec3::splat(((ior - 1.0) / (ior + 1.0)).powi(2));
     if let Some(specular) = extensions.and_then(|e| e.specular.as_ref()) {
         let tint = colour("specularColorFactor", specular.specular_color_factor.0)?;
@@ -150,104 +241,45 @@ pub(super) fn read(
             warnings.ignored("specular textures", owner);
         }
     }
-    let transmission = extensions.and_then(|e| e.transmission.as_ref());
-    if transmission.is_some_and(|t| t.transmission_texture.is_some()) {
-        warnings.ignored("transmission textures", owner);
-    }
-    let transmission = transmission.map_or(0.0, |t| t.transmission_factor.0);
-    let transmission = fraction("transmissionFactor", transmission)?;
-
-    let strength = extensions.and_then(|e| e.emissive_strength.as_ref());
-    let strength = strength.map_or(1.0, |s| s.emissive_strength.0);
-    let emission = colour("emissiveFactor", json.emissive_factor.0)? * strength;
-    let emission = colour("emissiveStrength times emissiveFactor", emission.into())?;
-
-    warn_of_the_rest(json, owner, warnings)?;
-    let mut coordinates = None;
-    let mut texture = |info: &Option<Info>| -> anyhow::Result<Option<usize>> {
-        let Some(info) = info else { return Ok(None) };
-        let wanted = texture_coordinates(info)?;
-        if *coordinates.get_or_insert(wanted) != wanted {
-            warnings.ignored("texture coordinates of its own for an emissive texture", owner);
-        }
-        textures.load(info, owner, warnings).map(Some)
+    let map = pbr.metallic_roughness_texture.as_ref();
+    let map = map.map(|info| textures.map(info, Encoding::Linear, owner, warnings));
+    let map = map.transpose().context("metallicRoughnessTexture")?;
+    let metal = MetallicRoughness {
+        base: base_colour,
+        metallic: fraction("metallicFactor", pbr.metallic_factor.0)?,
+        roughness: fraction("roughnessFactor", pbr.roughness_factor.0)?,
+        dielectric,
+        map,
     };
-    let base_texture = texture(&pbr.base_color_texture).context("baseColorTexture")?;
-    let emission_texture = texture(&json.emissive_texture).context("emissiveTexture")?;
-
-    let mean = base_texture.map_or(Vec3::ONE, |index| textures.mean_colour(index));
-    let (kd, ks, exponent) = phong(base, base * mean, metallic, roughness, dielectric);
-
-    let mut material = Material {
-        name: json.name.clone().unwrap_or_default(),
-        kd,
-        ks,
-        exponent,
-        base_texture,
-        emission,
-        emission_texture,
-        lobe: None,
-        glazing: None,
-        glazing_file: None,
-        transmission,
-        ior,
-        mirror: metallic == 1.0 && roughness == 0.0,
-        double_sided: json.double_sided,
-    };
-    extras::read::<MaterialExtras>(&json.extras)?.apply(&mut material)?;
-    Ok((material, coordinates.unwrap_or_default()))
-}
-
-/// k_d, k_s and n of the module's formula; `metal` is the base colour of f₀.
-fn phong(
-    base: Vec3,
-    metal: Vec3,
-    metallic: f32,
-    roughness: f32,
-    dielectric: Vec3,
-) -> (Vec3, Vec3, f32) {
-    let alpha = roughness * roughness;
-    // α = 0 gives +∞, which the clamp takes to the largest exponent.
-    let exponent = (2.0 / (alpha * alpha) - 2.0).clamp(0.0, MAX_PHONG_EXPONENT);
-    let f0 = dielectric.lerp(metal, metallic);
-    let kd = base * (1.0 - metallic) * (1.0 - f0.max_element()).max(0.0);
-    let (kd, ks) = conserve(kd, f0);
-    (kd, ks, exponent)
-}
-
-fn warn_of_the_rest(json: &Json, owner: &str, warnings: &mut Warnings) -> anyhow::Result<()> {
-    let pbr = &json.pbr_metallic_roughness;
-    let alpha = valid(&json.alpha_mode, "alphaMode")? != AlphaMode::Opaque;
-    let metal_texture = pbr.base_color_texture.is_some() && pbr.metallic_factor.0 > 0.0;
-    for (present, what) in [
-        (json.normal_texture.is_some(), "normal textures"),
-        (json.occlusion_texture.is_some(), "occlusion textures"),
-        (
-            pbr.metallic_roughness_texture.is_some(),
-            "metallic-roughness textures but for their mean",
-        ),
-        (metal_texture, "base colour textures but for their mean in a metal's reflection"),
-        (alpha, "alpha"),
-    ] {
-        if present {
-            warnings.ignored(what, owner);
-        }
+    let base_varies = material.base_texture.is_some();
+    if map.is_some() || (base_varies && metal.metallic > 0.0) || material.unlit {
+        material.metallic = Some(metal);
     }
+    let numbers = textures.mean(map);
+    let numbers = [numbers.y, numbers.z];
+    let mean = textures.mean(material.base_texture);
+    (material.kd, material.ks, material.exponent) = metal.phong(mean, numbers);
+    // The renderer multiplies k_d by the texture, whose mean is in it already.
+    let textured = material.kd / mean;
+    material.kd = Vec3::select(mean.cmpgt(Vec3::ZERO), textured, Vec3::ZERO);
+    material.mirror = metal.metallic * numbers[1] == 1.0 && metal.roughness * numbers[0] == 0.0;
     Ok(())
 }
 
-/// KHR_texture_transform: uv′ = offset + R S uv, R a turn that is
-/// counter-clockwise as seen, with v down.
-fn texture_coordinates(info: &Info) -> anyhow::Result<TextureCoordinates> {
-    let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
-    let Some(t) = transform else {
-        return Ok(TextureCoordinates { set: info.tex_coord, ..Default::default() });
-    };
+/// `KHR_texture_transform` among extensions that the gltf crate leaves as JSON.
+fn transform_of(
+    others: Option<&serde_json::Map<String, Value>>,
+) -> anyhow::Result<Option<TextureTransform>> {
+    let value = others.and_then(|o| o.get("KHR_texture_transform"));
+    let read = value.map(|v| serde_json::from_value(v.clone()));
+    read.transpose().context("KHR_texture_transform")
+}
+
+/// uv′ = offset + R S uv, R a turn that is counter-clockwise as seen, with v down.
+fn affine(t: &TextureTransform) -> Affine2 {
     let turn = Mat2::from_angle(-t.rotation.0);
     let matrix = turn * Mat2::from_diagonal(Vec2::from(t.scale.0));
-    let transform = Affine2::from_mat2_translation(matrix, Vec2::from(t.offset.0));
-    ensure!(transform.is_finite(), "KHR_texture_transform is not finite");
-    Ok(TextureCoordinates { set: t.tex_coord.unwrap_or(info.tex_coord), transform })
+    Affine2::from_mat2_translation(matrix, Vec2::from(t.offset.0))
 }
 
 fn colour(field: &str, value: [f32; 3]) -> anyhow::Result<Vec3> {
@@ -264,15 +296,16 @@ fn fraction(field: &str, value: f32) -> anyhow::Result<f32> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::super::texture;
     use super::*;
-    use serde_json::{Value, json};
+    use serde_json::json;
 
-    fn convert(material: Value) -> (anyhow::Result<(Material, TextureCoordinates)>, Vec<String>) {
+    fn convert(material: Value) -> (anyhow::Result<(Material, Vec<Texture>)>, Vec<String>) {
         let red = super::super::tests::data_uri(&texture::tests::png(&[[255, 0, 0]]));
         let root: Root = serde_json::from_value(json!({
             "asset": {"version": "2.0"},
             "textures": [{"source": 0}, {}, {"source": 1}, {"source": 0, "sampler": 0}],
-            "samplers": [{"wrapS": 33071}],
+            "samplers": [{"wrapS": 33071, "magFilter": 9728}],
             "images": [{"uri": red}, {"uri": "not%20there.png"}],
             "materials": [material]
         }))
@@ -281,7 +314,7 @@ mod tests {
         let mut textures = Textures::new(&root, &buffers, Path::new("dir"));
         let mut warnings = Warnings::default();
         let result = read(&root.materials[0], "material 0", &mut textures, &mut warnings);
-        (result, warnings.into_lines())
+        (result.map(|material| (material, textures.loaded)), warnings.into_lines())
     }
 
     fn material(value: Value) -> Material {
@@ -295,7 +328,7 @@ mod tests {
         assert!(m.ks.abs_diff_eq(Vec3::splat(0.04), 1e-6), "{}", m.ks);
         assert!(m.kd.abs_diff_eq(Vec3::new(0.48, 0.24, 0.0), 1e-6), "{}", m.kd);
         // α = ¼, n = 2 · 16 − 2.
-        assert_eq!(m.exponent, 30.0);
+        assert_eq!((m.exponent, m.metallic), (30.0, None));
         assert!(!m.mirror && !m.double_sided, "{m:?}");
     }
 
@@ -323,49 +356,83 @@ mod tests {
     }
 
     #[test]
+    fn specular_glossiness_is_phong_already() {
+        let m = material(json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": {
+            "diffuseFactor": [0.5, 0.25, 0.0, 1.0], "specularFactor": [0.5, 0.0, 0.0],
+            "glossinessFactor": 0.5}}}));
+        assert_eq!((m.kd, m.ks), (Vec3::new(0.25, 0.125, 0.0), Vec3::new(0.5, 0.0, 0.0)));
+        assert_eq!(m.exponent, 30.0);
+    }
+
+    #[test]
     fn emission_is_factor_times_strength() {
         let m = material(json!({
             "emissiveFactor": [1.0, 0.5, 0.0], "emissiveTexture": {"index": 0},
             "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 8.0}}}));
         assert_eq!(m.emission, Vec3::new(8.0, 4.0, 0.0));
-        assert_eq!(m.emission_texture, Some(0));
+        assert_eq!(m.emission_texture, Some(Map::of(0)));
     }
 
     #[test]
-    fn energy_is_conserved_for_every_material() {
-        for i in 0..=10 {
-            for j in 0..=10 {
-                let (metallic, base) = (i as f32 / 10.0, Vec3::new(1.0, j as f32 / 10.0, 0.0));
-                for dielectric in [0.0, 0.04, 0.5, 1.0] {
-                    let (kd, ks, _) = phong(base, base, metallic, 0.5, Vec3::splat(dielectric));
-                    assert!((kd + ks).max_element() <= 1.0 + 1e-6, "{kd} + {ks}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn texture_transform_scales_turns_and_shifts() {
-        let (result, _) = convert(json!({"pbrMetallicRoughness": {"baseColorTexture": {
+    fn each_texture_has_its_own_coordinates() {
+        let m = material(json!({
+            "normalTexture": {"index": 0, "scale": 0.5, "extensions": {
+                "KHR_texture_transform": {"scale": [4.0, 4.0], "texCoord": 1}}},
+            "occlusionTexture": {"index": 0, "strength": 0.25},
+            "pbrMetallicRoughness": {"baseColorTexture": {
             "index": 0, "texCoord": 1,
             "extensions": {"KHR_texture_transform": {
                 "offset": [10.0, 20.0], "rotation": std::f32::consts::FRAC_PI_2, "scale": [2.0, 3.0]}}}}}));
-        let (_, coordinates) = result.expect("a valid material");
-        assert_eq!(coordinates.set, 1);
+        let base = m.base_texture.expect("it has one");
+        assert_eq!(base.set, 1);
         // +u turns to −v, which is up: counter-clockwise as seen. +v turns to +u.
-        let corner = coordinates.transform.transform_point2(Vec2::ONE);
+        let corner = base.transform.transform_point2(Vec2::ONE);
         assert!(corner.abs_diff_eq(Vec2::new(13.0, 18.0), 1e-5), "{corner}");
+        let (normal, scale) = m.normal_map.expect("it has one");
+        assert_eq!((normal.set, normal.transform.matrix2.x_axis.x, scale), (1, 4.0, 0.5));
+        let (occlusion, strength) = m.occlusion.expect("it has one");
+        assert_eq!((occlusion.set, strength), (0, 0.25));
+        assert_ne!(occlusion.texture, base.texture, "numbers, not colours");
+        assert_eq!(occlusion.texture, normal.texture, "decoded once");
     }
 
     #[test]
-    fn textures_of_a_metal_count_by_their_mean() {
-        // The texture is red: r and m are 0 times their factors, f₀ takes the red.
+    fn samplers_wrap_and_filter() {
+        let (result, warnings) = convert(json!({"emissiveTexture": {"index": 3}}));
+        let (_, textures) = result.expect("a valid material");
+        assert_eq!((textures[0].wrap, textures[0].nearest), ([Wrap::Clamp, Wrap::Repeat], true));
+        assert!(warnings.is_empty(), "{warnings:?}");
+    }
+
+    #[test]
+    fn alpha_follows_its_mode() {
+        let with = |mode: &str| {
+            material(json!({"alphaMode": mode, "pbrMetallicRoughness":
+                            {"baseColorFactor": [1.0, 1.0, 1.0, 0.25]}}))
+            .alpha
+        };
+        assert_eq!(with("OPAQUE"), Alpha::Opaque);
+        assert_eq!(with("MASK"), Alpha::Mask { factor: 0.25, cutoff: 0.5 });
+        assert_eq!(with("BLEND"), Alpha::Blend { factor: 0.25 });
+        assert!(material(json!({"extensions": {"KHR_materials_unlit": {}}})).unlit, "unlit");
+    }
+
+    #[test]
+    fn textures_of_a_metal_count_where_they_are_and_on_average() {
+        // The texture is red: r and m are 0 times their factors.
         let m = material(json!({"pbrMetallicRoughness": {
             "baseColorFactor": [0.5, 0.5, 0.5, 1.0], "metallicRoughnessTexture": {"index": 0}}}));
         assert!(m.kd.abs_diff_eq(Vec3::splat(0.48), 1e-6) && !m.mirror, "{m:?}");
+        assert!(m.metallic.is_some_and(|m| m.map.is_some()), "{m:?}");
+        // f₀ takes the red; k_d's own texture is not counted twice.
         let m = material(json!({"pbrMetallicRoughness": {
             "baseColorFactor": [0.5, 0.5, 0.5, 1.0], "baseColorTexture": {"index": 0}}}));
         assert_eq!((m.kd, m.ks), (Vec3::ZERO, Vec3::new(0.5, 0.0, 0.0)));
+        assert!(m.metallic.is_some_and(|m| m.map.is_none()), "{m:?}");
+        let m = material(json!({
+            "extras": {"wrt": {"phong": {"kd": [0.1, 0.1, 0.1], "ks": [0.2, 0.2, 0.2], "n": 9}}},
+            "pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": 0}}}));
+        assert_eq!(m.metallic, None, "Phong parameters are final");
     }
 
     #[test]
@@ -388,15 +455,14 @@ mod tests {
     #[test]
     fn what_is_ignored_is_said() {
         let (result, warnings) = convert(json!({
-            "alphaMode": "BLEND", "normalTexture": {"index": 0},
-            "emissiveTexture": {"index": 3}}));
+            "emissiveTexture": {"index": 0, "texCoord": 2},
+            "extensions": {"KHR_materials_transmission": {"transmissionTexture": {"index": 0}}}}));
         assert!(result.is_ok(), "{result:?}");
         assert_eq!(
             warnings,
             [
-                "ignored normal textures (material 0)",
-                "ignored alpha (material 0)",
-                "ignored texture wrapping other than repeat (material 0)"
+                "ignored transmission textures (material 0)",
+                "ignored texture coordinates beyond sets 0 and 1 (material 0)"
             ]
         );
     }

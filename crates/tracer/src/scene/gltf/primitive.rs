@@ -4,12 +4,11 @@ use super::super::Mesh;
 use super::super::load::Warnings;
 use super::accessor::Buffers;
 use super::document::valid;
-use super::material::TextureCoordinates;
 use ::gltf::json::mesh::{Mode, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use ::gltf::json::{Accessor, Index};
 use anyhow::{Context as _, ensure};
-use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3};
+use glam::{DAffine3, DMat3, DVec3, Vec2, Vec3, Vec4};
 
 /// Reads `primitive` through `transform`, or `None` for points and lines.
 ///
@@ -22,7 +21,6 @@ pub(super) fn read(
     buffers: &Buffers<'_>,
     primitive: &Primitive,
     transform: DAffine3,
-    coordinates: &TextureCoordinates,
     owner: &str,
     warnings: &mut Warnings,
 ) -> anyhow::Result<Option<Mesh>> {
@@ -69,28 +67,70 @@ pub(super) fn read(
         }
         None => Vec::new(),
     };
-    let uvs = match attribute(Semantic::TexCoords(coordinates.set)) {
-        Some(index) => {
-            let uvs = buffers.floats::<2>(index).context("TEXCOORD")?;
-            ensure!(uvs.len() == count, "TEXCOORD: {} for {count} vertices", uvs.len());
-            let uvs: Vec<Vec2> = uvs
-                .into_iter()
-                .map(|uv| coordinates.transform.transform_point2(uv.into()))
-                .collect();
-            ensure!(uvs.iter().all(|uv| uv.is_finite()), "TEXCOORD: one is not finite");
-            uvs
+    let mut uvs = [Vec::new(), Vec::new()];
+    for (set, uvs) in (0..).zip(&mut uvs) {
+        if let Some(index) = attribute(Semantic::TexCoords(set)) {
+            let name = || format!("TEXCOORD_{set}");
+            let read = buffers.floats::<2>(index).with_context(name)?;
+            ensure!(read.len() == count, "{}: {} for {count} vertices", name(), read.len());
+            *uvs = read.into_iter().map(Vec2::from).collect();
+            ensure!(uvs.iter().all(|uv| uv.is_finite()), "{}: one is not finite", name());
         }
-        None => Vec::new(),
+    }
+    let colours = attribute(Semantic::Colors(0)).map(|index| colours(buffers, index, count));
+    let colours = colours.transpose().context("COLOR_0")?.unwrap_or_default();
+    let tangents = match attribute(Semantic::Tangents) {
+        Some(index) if !normals.is_empty() => {
+            let tangents = buffers.floats::<4>(index).context("TANGENT")?;
+            ensure!(tangents.len() == count, "TANGENT: {} for {count} vertices", tangents.len());
+            tangents.into_iter().map(|t| world_tangent(t.into(), &transform)).collect()
+        }
+        _ => Vec::new(),
     };
-    Ok(Some(Mesh { positions, normals, uvs, triangles, transform, ..Mesh::default() }))
+    Ok(Some(Mesh {
+        positions,
+        normals,
+        uvs,
+        colours,
+        tangents,
+        triangles,
+        transform,
+        ..Mesh::default()
+    }))
+}
+
+/// Linear colours with alpha; of three components, it is 1.
+fn colours(
+    buffers: &Buffers<'_>,
+    index: Index<Accessor>,
+    count: usize,
+) -> anyhow::Result<Vec<Vec4>> {
+    let read: Vec<Vec4> = if buffers.components(index)? == 3 {
+        let rgb = buffers.floats::<3>(index)?;
+        rgb.into_iter().map(|c| Vec3::from(c).extend(1.0)).collect()
+    } else {
+        buffers.floats::<4>(index)?.into_iter().map(Vec4::from).collect()
+    };
+    ensure!(read.len() == count, "{} for {count} vertices", read.len());
+    let valid = |c: &Vec4| c.is_finite() && c.min_element() >= 0.0;
+    ensure!(read.iter().all(valid), "one is negative or not finite");
+    Ok(read)
+}
+
+/// A tangent in world space, with the sign of a bitangent that a reflection turns;
+/// zero where it has no direction.
+fn world_tangent(tangent: Vec4, transform: &DAffine3) -> Vec4 {
+    let along = transform.matrix3 * tangent.truncate().as_dvec3();
+    let sign = tangent.w * transform.matrix3.determinant().signum() as f32;
+    along.normalize_or_zero().as_vec3().extend(sign)
 }
 
 fn warn_of_the_rest(primitive: &Primitive, owner: &str, warnings: &mut Warnings) {
     if primitive.targets.as_ref().is_some_and(|t| !t.is_empty()) {
         warnings.ignored("morph targets", owner);
     }
-    if primitive.attributes.contains_key(&Checked::Valid(Semantic::Colors(0))) {
-        warnings.ignored("vertex colours", owner);
+    if primitive.attributes.contains_key(&Checked::Valid(Semantic::Colors(1))) {
+        warnings.ignored("vertex colours beyond the first", owner);
     }
 }
 

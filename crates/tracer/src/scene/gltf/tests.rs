@@ -2,7 +2,7 @@
 
 use super::*;
 use ::gltf::binary::{Glb, Header};
-use glam::Vec2;
+use glam::{Vec2, Vec4};
 use serde_json::{Value, json};
 
 /// `bytes` as a data URI.
@@ -112,7 +112,7 @@ fn a_strip_has_its_attributes() {
     assert_eq!(mesh.name, "pane");
     assert_eq!(mesh.triangles, [[0, 1, 2], [1, 3, 2]]);
     assert_eq!(mesh.normals, [Vec3::Z; 4]);
-    assert_eq!(mesh.uvs[3], Vec2::X);
+    assert_eq!(mesh.uvs[0][3], Vec2::X);
     // No material: the plain one.
     assert_eq!(loaded.scene.materials[mesh.material].kd, Vec3::splat(0.5));
     assert!(loaded.warnings.is_empty(), "{:?}", loaded.warnings);
@@ -130,7 +130,7 @@ fn a_rich_scene_has_all_its_parts() {
         let material = &scene.materials[mesh.material];
         assert_eq!((material.name.as_str(), material.emission), ("glass", Vec3::ONE));
         assert_eq!(material.lobe.as_ref().map(|l| (l.exponent, l.peak)), Some((4.0, DVec3::Z)));
-        assert_eq!(scene.textures[0].texels, [Vec3::X, Vec3::Z]);
+        assert_eq!(scene.textures[0].nearest(Vec2::ZERO).truncate(), Vec3::X);
         let camera = &scene.cameras[0];
         assert_eq!((camera.name.as_str(), camera.aspect), ("eye", Some(1.5)));
         assert_eq!(camera.transform, DAffine3::from_translation(DVec3::Z * 5.0));
@@ -191,7 +191,7 @@ fn malformed_parts_are_named() {
         ("/meshes/0/primitives/0/indices", json!(2), "indices: accessor 2 holds F32"),
         ("/accessors/0/count", json!(5), "5 elements reach past the end of buffer view 0"),
         ("/accessors/1/count", json!(3), "NORMAL: 3 for 4 vertices"),
-        ("/accessors/2/count", json!(3), "TEXCOORD: 3 for 4 vertices"),
+        ("/accessors/2/count", json!(3), "TEXCOORD_0: 3 for 4 vertices"),
         ("/bufferViews/0/buffer", json!(1), "there is no buffer 1"),
         ("/buffers/0/byteLength", json!(9999), "buffer 0: it holds 128 bytes, fewer than"),
         ("/buffers/0/uri", json!("lost.bin"), "buffer 0: cannot read nowhere/lost.bin"),
@@ -232,7 +232,7 @@ fn cameras_and_lights_out_of_range_are_errors() {
     for (path, bad, expected) in [
         ("/cameras/0/perspective/yfov", json!(0), "node \"eye\": yfov is 0"),
         ("/cameras/0/perspective/yfov", json!(4), "yfov is 4"),
-        ("/cameras/0/perspective/aspectRatio", json!(-1), "aspectRatio is"),
+        ("/cameras/0/perspective/aspectRatio", json!(-1), "aspect ratio is"),
         ("/cameras/0/perspective", json!(null), "its camera has no perspective"),
         ("/cameras/0/type", json!("fisheye"), "type has a value"),
         ("/nodes/2/scale", json!([0, 0, 0]), "its camera has no direction"),
@@ -252,27 +252,54 @@ fn cameras_and_lights_out_of_range_are_errors() {
 #[test]
 fn what_is_not_supported_is_said_once() {
     let mut value = rich();
-    value["cameras"][0] = json!({"type": "orthographic", "orthographic":
-        {"xmag": 1, "ymag": 1, "zfar": 10, "znear": 0.1}});
     value["meshes"][0]["primitives"] = json!([
         {"mode": 0, "attributes": {"POSITION": 0}},
-        {"mode": 1, "attributes": {"POSITION": 0, "COLOR_0": 0}}
+        {"mode": 1, "attributes": {"POSITION": 0, "COLOR_1": 0}}
     ]);
     value["extensionsUsed"] = json!(["KHR_lights_punctual", "KHR_materials_clearcoat"]);
     value["scenes"].as_array_mut().expect("a list").push(json!({"nodes": []}));
     let loaded = load_value(&value).expect("what is left is valid");
-    assert!(loaded.scene.meshes.is_empty() && loaded.scene.cameras.is_empty(), "nothing left");
+    assert!(loaded.scene.meshes.is_empty(), "nothing left");
     assert_eq!(
         loaded.warnings,
         [
             "ignored extension KHR_materials_clearcoat",
             "ignored points and lines (node \"pane\" and 1 more)",
-            "ignored vertex colours (node \"pane\")",
-            "ignored orthographic cameras (node \"eye\")",
+            "ignored vertex colours beyond the first (node \"pane\")",
             "ignored scenes other than the default one",
-            "ignored the motion of nodes that carry no camera (node \"root\")"
         ]
     );
+}
+
+#[test]
+fn an_orthographic_camera_shows_its_magnification() {
+    let mut value = rich();
+    let magnification = json!({"xmag": 3, "ymag": -2, "zfar": 10, "znear": 0.1});
+    value["cameras"][0] = json!({"type": "orthographic", "orthographic": magnification});
+    let camera = &load_value(&value).expect("valid").scene.cameras[0];
+    assert_eq!(camera.projection, Projection::Orthographic { half_height: 2.0 });
+    assert_eq!(camera.aspect, Some(1.5));
+}
+
+#[test]
+fn vertices_have_colours_tangents_and_two_sets_of_texture_coordinates() {
+    let corners = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let mut value = accessors(&[
+        ("VEC3", &corners),
+        ("VEC3", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0]),
+        ("VEC3", &[0.5; 9]),
+        ("VEC4", &[1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0]),
+        ("VEC2", &[0.25; 6]),
+    ]);
+    value["meshes"] = json!([{"primitives": [{"attributes": {"POSITION": 0, "NORMAL": 1,
+        "COLOR_0": 2, "TANGENT": 3, "TEXCOORD_1": 4}}]}]);
+    value["nodes"] = json!([{"mesh": 0, "scale": [-2.0, 1.0, 1.0]}]);
+    let mesh = &load_value(&value).expect("valid").scene.meshes[0];
+    assert_eq!(mesh.colours, [Vec4::new(0.5, 0.5, 0.5, 1.0); 3]);
+    // The reflection turns the tangent, and the bitangent with it.
+    assert_eq!(mesh.tangents, [Vec4::new(-1.0, 0.0, 0.0, -1.0); 3]);
+    assert!(mesh.uvs[0].is_empty(), "there is no set 0");
+    assert_eq!(mesh.uvs[1], [Vec2::splat(0.25); 3]);
 }
 
 #[test]

@@ -4,13 +4,23 @@
 //! index is far from its range, and its errors name no line.
 
 use anyhow::{Context as _, bail, ensure};
+use std::borrow::Cow;
 
-/// The file as UTF-8, each statement on one line, single spaces between words.
+/// The file as UTF-8, each statement on one line, single spaces between words. A
+/// byte order mark says whether it is in UTF-16.
 ///
 /// A backslash at a line's end continues it; the joined line stands at the
 /// first one's place, and empty lines follow, so that numbers stay true.
 pub(super) fn joined(bytes: &[u8]) -> String {
-    let text = String::from_utf8_lossy(bytes);
+    let wide = |of: fn([u8; 2]) -> u16| {
+        let units: Vec<u16> = bytes.as_chunks().0.iter().map(|&unit| of(unit)).collect();
+        Cow::Owned(String::from_utf16_lossy(&units))
+    };
+    let text = match bytes {
+        [0xfe, 0xff, ..] => wide(u16::from_be_bytes),
+        [0xff, 0xfe, ..] => wide(u16::from_le_bytes),
+        _ => String::from_utf8_lossy(bytes),
+    };
     let mut out = String::with_capacity(text.len());
     let mut owed = 0;
     for line in text.trim_start_matches('\u{feff}').lines() {
@@ -117,6 +127,15 @@ mod tests {
             lines.iter().map(|l| l.trim()).collect::<Vec<_>>(),
             ["f 1 2 3", "", "", "v 0 0 0"]
         );
+    }
+
+    #[test]
+    fn a_byte_order_mark_says_how_characters_are_written() {
+        let text = "\u{feff}v 1 2 3\n# é\n";
+        let wide = |of: fn(u16) -> [u8; 2]| text.encode_utf16().flat_map(of).collect::<Vec<u8>>();
+        for bytes in [text.into(), wide(u16::to_be_bytes), wide(u16::to_le_bytes)] {
+            assert_eq!(joined(&bytes), "v 1 2 3\n# é\n");
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use super::lines;
 use crate::scene::extras::MAX_PHONG_EXPONENT;
 use crate::scene::load::{Warnings, conserve};
-use crate::scene::{Material, Texture, texture};
+use crate::scene::{Encoding, Map, Material, Texture};
 use anyhow::{Context as _, ensure};
 use glam::Vec3;
 use std::cell::Cell;
@@ -55,7 +55,7 @@ impl Library {
                     }
                     let path = directory.join(&name);
                     let texture = std::fs::read(&path).map_err(anyhow::Error::from);
-                    let texture = texture.and_then(|bytes| texture::decode(&bytes));
+                    let texture = texture.and_then(|bytes| Texture::decode(&bytes, Encoding::Srgb));
                     let texture = texture.with_context(|| format!("reading {}", path.display()))?;
                     library.textures.push(texture);
                     textures.insert(name, library.textures.len() - 1);
@@ -121,17 +121,14 @@ fn convert(
         kd,
         ks,
         exponent: exponent.clamp(0.0, MAX_PHONG_EXPONENT),
-        base_texture,
+        base_texture: base_texture.map(Map::of),
         emission: colour(mtl.emissive, emission_texture, Vec3::ZERO),
-        emission_texture,
-        lobe: None,
-        glazing: None,
-        glazing_file: None,
+        emission_texture: emission_texture.map(Map::of),
         transmission,
         // Exporters write 0 or 0.001 for "not glass".
         ior: mtl.optical_density.filter(|n| n.is_finite() && *n >= 1.0).unwrap_or(default.ior),
         mirror: matches!(model, 3 | 5) && ks != Vec3::ZERO,
-        double_sided: false,
+        ..default
     })
 }
 

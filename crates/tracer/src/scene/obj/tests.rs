@@ -1,6 +1,7 @@
 //! Whole files.
 
 use super::*;
+use crate::scene::Map;
 use crate::scene::texture::tests::png;
 use std::collections::BTreeSet;
 
@@ -57,15 +58,24 @@ fn groups_and_materials_are_meshes_of_their_own() {
 #[test]
 fn v_points_down_in_a_scene() {
     let loaded = scene("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0.25\nvt 0 1\nf 1/1 2/2 3/3\n");
-    let uvs = &loaded.scene.meshes[0].uvs;
+    let uvs = &loaded.scene.meshes[0].uvs[0];
     assert_eq!(uvs[..], [Vec2::new(0.0, 1.0), Vec2::new(1.0, 0.75), Vec2::ZERO]);
+}
+
+#[test]
+fn vertex_colours_are_made_linear() {
+    let loaded = scene("v 0 0 0 1 0 0.5\nv 1 0 0 1 1 1\nv 0 1 0 0 0 0\nf 1 2 3\n");
+    let colours = &loaded.scene.meshes[0].colours;
+    let expected = Vec4::new(1.0, 0.0, 0.214_041, 1.0);
+    assert!(colours[0].abs_diff_eq(expected, 1e-5), "{}", colours[0]);
+    assert_eq!(colours[1], Vec4::ONE);
 }
 
 #[test]
 fn partial_attributes_are_dropped_and_said() {
     let loaded = scene("v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvn 0 0 1\nf 1/1/1 2 3//1\n");
     let mesh = &loaded.scene.meshes[0];
-    assert!(mesh.uvs.is_empty() && mesh.normals.is_empty(), "{mesh:?}");
+    assert!(mesh.uvs[0].is_empty() && mesh.normals.is_empty(), "{mesh:?}");
     assert_eq!(loaded.warnings.len(), 2, "{:?}", loaded.warnings);
 }
 
@@ -74,7 +84,7 @@ fn phong_parameters_are_the_files() {
     let m = material("Kd 0.5 0.25 0\nKs 0.25\nNs 40\nKe 3 2 1\nmap_Ke red tile.png\nillum 2");
     assert_eq!((m.kd, m.ks), (Vec3::new(0.5, 0.25, 0.0), Vec3::splat(0.25)));
     assert_eq!((m.exponent, m.emission), (40.0, Vec3::new(3.0, 2.0, 1.0)));
-    assert_eq!((m.base_texture, m.emission_texture), (None, Some(0)));
+    assert_eq!((m.base_texture, m.emission_texture), (None, Some(Map::of(0))));
     let bright = material("Kd 1 1 1\nKs 1 0 0\nNs 1e9");
     assert_eq!((bright.kd, bright.ks), (Vec3::splat(0.5), Vec3::new(0.5, 0.0, 0.0)));
     assert_eq!(bright.exponent, 1e5);
@@ -94,7 +104,7 @@ fn mirrors_and_glass_go_by_the_illumination_model() {
 #[test]
 fn textures_are_found_by_name_without_options() {
     let loaded = with_material("map_Kd -s 2 2 1 -clamp on red tile.png").expect("valid");
-    assert_eq!(loaded.scene.textures[0].texels, [Vec3::X]);
+    assert_eq!(loaded.scene.textures[0].mean().truncate(), Vec3::X);
     assert_eq!(loaded.scene.materials[0].kd, Vec3::ONE);
     assert_eq!(loaded.warnings, ["ignored texture options (material \"m\" and 1 more)"]);
 }

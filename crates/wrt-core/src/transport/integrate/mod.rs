@@ -6,14 +6,18 @@ mod exact;
 mod facts;
 mod method;
 mod monte_carlo;
-mod patterson;
+mod nested;
+mod piece;
 mod quasi_random;
 mod romberg;
 mod sampling;
+mod strips;
 mod trapezoidal;
 mod visible;
 
 use super::Pair;
+
+pub(super) use strips::Strip;
 
 pub use exact::Exact;
 pub use method::Method;

@@ -1,0 +1,89 @@
+//! The samples of one pixel.
+
+use super::RenderOptions;
+use crate::{
+    camera::Pinhole,
+    whitted::{Sample, Whitted},
+};
+use glam::{DVec2, DVec4, Vec3};
+
+/// Step of the samples' sequence, which fills the unit 4-cube evenly: powers of
+/// 1/g for g⁵ = g + 1 (M. Roberts, *The Unreasonable Effectiveness of Quasirandom
+/// Sequences*, 2018).
+const R4: DVec4 = DVec4::new(
+    0.856_674_883_854_502_9,
+    0.733_891_856_627_125_8,
+    0.628_706_721_037_808_8,
+    0.538_597_257_223_608_1,
+);
+
+/// Samples of each pixel that say how many it needs.
+pub(super) const ROUND: u32 = 8;
+
+/// What the samples of one pixel have given so far.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Tally {
+    pub(super) sum: Vec3,
+    pub(super) squares: Vec3,
+    pub(super) taken: u32,
+    pub(super) rays: u64,
+    pub(super) look_ups: u64,
+}
+
+/// Where a picture's samples go.
+pub(super) struct PixelSampler<'a> {
+    pub(super) whitted: &'a Whitted<'a>,
+    pub(super) pinhole: &'a Pinhole,
+    pub(super) options: &'a RenderOptions,
+}
+
+impl PixelSampler<'_> {
+    /// Adds samples to `tally` until there are `wanted`.
+    pub(super) fn continue_to(&self, wanted: u32, x: usize, y: usize, tally: &mut Tally) {
+        let &RenderOptions { width, height, seed, samples, noise, .. } = self.options;
+        let (width_f, height_f) = (width as f64, height as f64);
+        let pixel = (y * width + x) as u64;
+        let shift = unit_cube(seed, pixel);
+        let scramble = splitmix(splitmix(seed).wrapping_add(pixel));
+        // Samples are that far apart if they are spread evenly.
+        let even = if noise.is_some() { samples.clamp(1, ROUND) } else { samples.max(1) };
+        let step = f64::from(even).sqrt().recip() / DVec2::new(width_f, height_f);
+        while tally.taken < wanted {
+            let point = (shift + f64::from(tally.taken) * R4).fract_gl();
+            let at_x = (x as f64 + 0.5 + tent(point.x)) / width_f;
+            let at_y = (y as f64 + 0.5 + tent(point.y)) / height_f;
+            let beam = self.pinhole.beam(at_x, at_y, step);
+            let (place, index) = (DVec2::new(point.z, point.w), tally.taken);
+            let mut sample = Sample { place, index, scramble, ..Sample::default() };
+            let radiance = self.whitted.radiance(&beam, &mut sample);
+            tally.sum += radiance;
+            tally.squares += radiance * radiance;
+            tally.rays += sample.rays;
+            tally.look_ups += sample.look_ups;
+            tally.taken += 1;
+        }
+    }
+}
+
+/// Takes [0, 1) to (−1, 1) with density 1 − |x|: sampling by the pixel filter, so
+/// that samples weigh the same and pixels share none.
+pub(super) fn tent(u: f64) -> f64 {
+    if u < 0.5 { (2.0 * u).sqrt() - 1.0 } else { 1.0 - (2.0 - 2.0 * u).sqrt() }
+}
+
+/// A point of the unit 4-cube that belongs to `pixel`.
+fn unit_cube(seed: u64, pixel: u64) -> DVec4 {
+    let start = splitmix(seed).wrapping_add(pixel);
+    let [a, b] = [splitmix(start), splitmix(!start)];
+    let unit = |bits: u64| (bits & 0xffff_ffff) as f64 / 4_294_967_296.0;
+    DVec4::new(unit(a), unit(a >> 32), unit(b), unit(b >> 32))
+}
+
+/// Scrambles 64 bits (G. Steele, D. Lea and C. Flood, *Fast Splittable
+/// Pseudorandom Number Generators*, OOPSLA 2014).
+pub(crate) fn splitmix(x: u64) -> u64 {
+    let x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
+    let x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let x = (x ^ (x >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    x ^ (x >> 31)
+}

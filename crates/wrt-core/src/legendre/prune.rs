@@ -1,0 +1,143 @@
+//! What is left out so that the bytes that stay buy the most.
+
+use super::project::{Orders, Position, ProjectOptions, Projected};
+use super::sampled::Sampled;
+use super::terms;
+use super::tree::{Cells, LegendreTree, NOWHERE, POSITION, SPLIT, leaf_byte};
+
+/// How much of the error asked for is spent on what is known to be left out. Degrees
+/// beyond the sampled ones are not known; with them the tiles of a chapel have up to
+/// 1.12 times as much.
+const SPENT: f64 = 0.85;
+
+/// Coefficients that a leaf costs beside its own: its byte and the look-up's way.
+const LEAF: f64 = 0.5;
+
+/// Merges cells, lowers orders and rounds until the error asked for is used up.
+///
+/// One number rules all: the energy that a basis function must have to be kept, three
+/// channels together. For each cell the cheapest of all pairs of orders, and of
+/// keeping its children instead, is found from the leaves up: the least of energy
+/// left out + that price × functions kept. The step of rounding follows from the
+/// price, for a bit that makes steps half as large saves energy too.
+pub(super) fn prune<P>(
+    positions: &[Position<P>],
+    norm: f64,
+    options: &ProjectOptions,
+) -> Projected {
+    let allowed = (SPENT * options.error).powi(2) * norm;
+    let make = |price: f64| Pruned::new(positions, options.orders, price);
+    // The price of the whole lies between nothing and everything.
+    let (mut low, mut high) = ((norm * 1e-24).ln(), norm.ln());
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        if make(middle.exp()).error <= allowed { low = middle } else { high = middle }
+    }
+    let pruned = make(low.exp());
+    let error = (pruned.error / norm).sqrt();
+    let tree = LegendreTree::from_parts(options.map, pruned.shape, pruned.step, pruned.quanta);
+    let tree = tree.unwrap_or_else(|reason| unreachable!("a tree just made: {reason}"));
+    Projected { tree, error, norm_squared: norm }
+}
+
+struct Pruned {
+    shape: Vec<u8>,
+    step: f64,
+    quanta: Vec<i32>,
+    /// Weighted energy of all that was left out.
+    error: f64,
+}
+
+impl Pruned {
+    fn new<P>(positions: &[Position<P>], orders: Orders, price: f64) -> Self {
+        let mut pruned =
+            Self { shape: Vec::new(), step: step(price), quanta: Vec::new(), error: 0.0 };
+        let mut rest = positions.iter();
+        pruned.add_position(Cells::default(), &mut rest, orders, price);
+        pruned
+    }
+
+    /// Writes the position cell and those below it, which come next in `rest`.
+    fn add_position<'a, P: 'a>(
+        &mut self,
+        cell: Cells,
+        rest: &mut std::slice::Iter<'a, Position<P>>,
+        orders: Orders,
+        price: f64,
+    ) {
+        if rest.as_slice().first().is_some_and(|next| next.cell.levels[0] > cell.levels[0]) {
+            self.shape.push(SPLIT);
+            for child in cell.children(0) {
+                self.add_position(child, rest, orders, price);
+            }
+        } else if let Some(position) = rest.next() {
+            self.shape.push(POSITION);
+            let plan = Plan::of(&position.root, orders, price);
+            self.shape.extend(plan.shape);
+            for (leaf, orders) in plan.leaves {
+                self.add_leaf(leaf, orders);
+            }
+        }
+    }
+
+    fn add_leaf(&mut self, leaf: &Sampled, orders: [usize; 2]) {
+        let [p, q] = orders.map(terms);
+        let row = leaf.b.len() / leaf.position_terms();
+        let mut rounding = 0.0;
+        for row in leaf.b.chunks_exact(row).take(p) {
+            for &b in &row[..3 * q] {
+                let quantum = (b / self.step).round();
+                rounding += (b - quantum * self.step).powi(2);
+                self.quanta.push(quantum as i32);
+            }
+        }
+        self.error += leaf.measure * (leaf.left_out(orders) + rounding);
+    }
+}
+
+/// The step of rounding at which a bit less saves as much as a function less.
+///
+/// Rounding leaves Δ²/12 per coefficient and a bit more a quarter of that, so that
+/// the energy of a bit is 2 ln 2 Δ²/12 where bits are many. A function is three
+/// coefficients of a byte or so: 24 bits, 2.8 Δ².
+fn step(price: f64) -> f64 {
+    (price / 2.8).sqrt()
+}
+
+/// What is kept of a cell.
+struct Plan<'a> {
+    /// Energy left out + price × functions kept.
+    cost: f64,
+    shape: Vec<u8>,
+    /// With the orders kept.
+    leaves: Vec<(&'a Sampled, [usize; 2])>,
+}
+
+impl<'a> Plan<'a> {
+    fn of(cell: &'a Sampled, most: Orders, price: f64) -> Self {
+        if !cell.inside {
+            return Self { cost: 0.0, shape: vec![NOWHERE], leaves: vec![] };
+        }
+        let mut best = (f64::INFINITY, [1, 1]);
+        for p in 1..=most.position {
+            for q in 1..=most.direction {
+                let functions = (terms(p) * terms(q)) as f64;
+                let cost = cell.left_out([p, q]) + price * (functions + LEAF);
+                if cost < best.0 {
+                    best = (cost, [p, q]);
+                }
+            }
+        }
+        let (cost, orders) = best;
+        let whole = Self { cost, shape: vec![leaf_byte(orders)], leaves: vec![(cell, orders)] };
+        let Some(children) = &cell.children else { return whole };
+        let mut split = Self { cost: price * LEAF, shape: vec![SPLIT], leaves: vec![] };
+        for child in children.iter() {
+            let part = Plan::of(child, most, price);
+            split.cost += part.cost;
+            split.shape.extend(part.shape);
+            split.leaves.extend(part.leaves);
+        }
+        if split.cost < whole.cost { split } else { whole }
+    }
+}

@@ -1,0 +1,236 @@
+//! The pieces of a strip of θ between inner breakpoints, where the integrand is
+//! analytic, and nested rules on them.
+
+use super::super::pair::{Overlap, Pair};
+use super::events::Event;
+use super::nested::{self, Node};
+use super::strips::Strip;
+use crate::Chart;
+use glam::DVec3;
+
+/// What bounds a piece in φ.
+#[derive(Clone, Copy, Debug)]
+enum Bound {
+    /// One of the two roots of an event.
+    Event { index: usize, root: usize },
+    /// μy = b, as far as the rim: the cell's own border.
+    Border(f64),
+}
+
+impl Bound {
+    /// Its φ on the meridian with this sine and cosine of θ.
+    fn at(self, events: &[Event], sine: f64, cosine: f64) -> Option<f64> {
+        match self {
+            Self::Event { index, root } => events[index].roots(sine, cosine)[root],
+            Self::Border(b) => Some((b / cosine).clamp(-1.0, 1.0).asin()),
+        }
+    }
+}
+
+/// A part of the unit square (s, t) that is mapped onto the θ of a strip and the
+/// φ between two bounds.
+#[derive(Clone, Debug)]
+pub(super) struct Piece {
+    strip: usize,
+    bounds: [Bound; 2],
+    low: [f64; 2],
+    high: [f64; 2],
+    /// Which of the nested rules is used along s and along t.
+    rules: [usize; 2],
+}
+
+/// The integral over a piece, and what is not known of it.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Estimate {
+    pub(super) value: f64,
+    /// What the rule may miss along s and along t.
+    pub(super) errors: [f64; 2],
+    /// What rounding of the overlaps amounts to: no rule resolves it.
+    pub(super) rounding: f64,
+}
+
+impl Estimate {
+    pub(super) fn error(&self) -> f64 {
+        self.errors[0] + self.errors[1]
+    }
+}
+
+impl Piece {
+    /// The pieces that see anything, each with a nested `rule` to begin with; adds the evaluations this takes.
+    pub(super) fn all(
+        pair: &Pair<'_>,
+        events: &[Event],
+        strips: &[Strip],
+        rule: usize,
+        evaluations: &mut u64,
+    ) -> Vec<Self> {
+        let mut pieces = Vec::new();
+        let [low, high] = pair.dest_box();
+        let mut cuts: Vec<(f64, Bound)> = Vec::new();
+        for (strip, range) in strips.iter().enumerate() {
+            let (sine, cosine) = range.at(0.5).0.sin_cos();
+            let ends = [Bound::Border(low.y), Bound::Border(high.y)];
+            let [Some(first), Some(last)] = ends.map(|end| end.at(events, sine, cosine)) else {
+                continue;
+            };
+            cuts.clear();
+            for (index, event) in events.iter().enumerate() {
+                for (root, phi) in event.roots(sine, cosine).into_iter().enumerate() {
+                    let Some(phi) = phi.filter(|&phi| first < phi && phi < last) else { continue };
+                    if event.is_active(direction(sine, cosine, phi)) {
+                        cuts.push((phi, Bound::Event { index, root }));
+                    }
+                }
+            }
+            cuts.push((last, ends[1]));
+            cuts.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+            let mut from = (first, ends[0]);
+            for &to in &cuts {
+                // Breakpoints that rounding has split are one.
+                if to.0 - from.0 <= 1e-15 {
+                    continue;
+                }
+                let middle = direction(sine, cosine, 0.5 * (from.0 + to.0));
+                *evaluations += 1;
+                // G is constant between events, and so is A = 0.
+                if pair.leaves_in_cell(middle) && pair.area(middle) > 0.0 {
+                    let bounds = [from.1, to.1];
+                    pieces.push(Self {
+                        strip,
+                        bounds,
+                        low: [0.0; 2],
+                        high: [1.0; 2],
+                        rules: [rule; 2],
+                    });
+                }
+                from = to;
+            }
+        }
+        pieces
+    }
+
+    /// ∬ A cos²θ cosφ dφ dθ over the piece.
+    pub(super) fn integral(&self, at: &Pieces<'_, '_>, evaluations: &mut u64) -> Estimate {
+        let rules = self.rules.map(|rule| nested::RULES[rule]);
+        let [wide, high] = [0, 1].map(|d| self.high[d] - self.low[d]);
+        let middle = rules[1].len() / 2;
+        let mut out = Estimate::default();
+        // Per node along t, what the short rule along s makes of the column.
+        let mut columns = [0.0; nested::LONGEST];
+        let mut coarse_columns = [0.0; nested::LONGEST];
+        for node in rules[0] {
+            let s = self.low[0] + wide * node.x;
+            let (theta, slope) = at.strips[self.strip].at(s);
+            let (sine, cosine) = theta.sin_cos();
+            let [from, to] = self.bounds.map(|bound| bound.at(at.events, sine, cosine));
+            let (Some(from), Some(to)) = (from, to) else { continue };
+            let width = (to - from).max(0.0);
+            let scale = wide * high * slope * width * cosine * cosine;
+            let (mut fine, mut coarse) = (0.0, 0.0);
+            for (i, &Node { x, weight, coarse: short }) in rules[1].iter().enumerate() {
+                let phi = from + width * (self.low[1] + high * x);
+                let mu = direction(sine, cosine, phi);
+                let overlap = if i == middle {
+                    let overlap = at.pair.overlap(mu);
+                    let off = at.rounding.of_area(&overlap, mu.z);
+                    out.rounding += node.weight * scale * phi.cos() * off;
+                    overlap.area
+                } else {
+                    at.pair.area(mu)
+                };
+                let value = scale * phi.cos() * overlap;
+                fine += weight * value;
+                coarse += short * value;
+                columns[i] += node.weight * value;
+                coarse_columns[i] += node.coarse * value;
+            }
+            *evaluations += rules[1].len() as u64;
+            out.value += node.weight * fine;
+            out.errors[1] += node.weight * (fine - coarse).abs();
+        }
+        for (i, node) in rules[1].iter().enumerate() {
+            out.errors[0] += node.weight * (columns[i] - coarse_columns[i]).abs();
+        }
+        if at.smooth {
+            out.errors = out.errors.map(|difference| nested::error(difference, out.value));
+        }
+        out
+    }
+
+    /// The piece refined where it is known worst: a longer rule first, halves then.
+    pub(super) fn refined(&self, errors: [f64; 2]) -> [Option<Self>; 2] {
+        let d = usize::from(errors[1] > errors[0]);
+        let mut one = self.clone();
+        if self.rules[d] + 1 < nested::RULES.len() {
+            one.rules[d] += 1;
+            return [Some(one), None];
+        }
+        let mut other = self.clone();
+        let middle = 0.5 * (self.low[d] + self.high[d]);
+        (one.high[d], other.low[d]) = (middle, middle);
+        // Halves are smoother by far: a shorter rule may do again.
+        (one.rules[d], other.rules[d]) = (1, 1);
+        [Some(one), Some(other)]
+    }
+}
+
+/// What the pieces of a pair lie in.
+pub(super) struct Pieces<'a, 'b> {
+    pub(super) pair: &'a Pair<'b>,
+    pub(super) events: &'a [Event],
+    pub(super) strips: &'a [Strip],
+    rounding: Rounding,
+    /// Whether longer rules gain what they do for functions analytic well beyond
+    /// their piece. Near a corner that is all but doubled a perspective chart's
+    /// Jacobian has a pole: there the difference of two rules is taken as it is.
+    smooth: bool,
+}
+
+impl<'a, 'b> Pieces<'a, 'b> {
+    pub(super) fn of(pair: &'a Pair<'b>, events: &'a [Event], strips: &'a [Strip]) -> Self {
+        let smooth = match pair.geometry().dest().chart() {
+            Chart::Perspective { to_uv, .. } => {
+                let corners = pair.dests().iter().flat_map(|dest| dest.vertices());
+                let weights = corners.map(|p| (*to_uv * p.extend(1.0)).z.abs());
+                let (least, most) =
+                    weights.fold((f64::INFINITY, 0.0_f64), |(a, b), w| (a.min(w), b.max(w)));
+                least > 0.01 * most
+            }
+            Chart::Rectilinear { .. } | Chart::Bilinear { .. } => true,
+        };
+        Self { pair, events, strips, rounding: Rounding::of(pair), smooth }
+    }
+}
+
+/// What rounding leaves of an overlap area.
+struct Rounding {
+    /// The farthest coordinate that enters.
+    reach: f64,
+    /// Area in (u, v) per area in the plane, of the dest's cell on average.
+    per_area: f64,
+    /// The dest cell's area in (u, v).
+    whole: f64,
+}
+
+impl Rounding {
+    fn of(pair: &Pair<'_>) -> Self {
+        let sources = pair.sources().iter().flatten().map(|(s, _)| s.abs().max_element());
+        let dests = pair.dests().iter().flat_map(|d| d.vertices()).map(|d| d.abs().max_element());
+        let whole = pair.dests().iter().map(|d| pair.geometry().dest().chart().area(d)).sum();
+        let plane: f64 = pair.dests().iter().map(|d| d.area()).sum();
+        let per_area = if plane > 0.0 { whole / plane } else { 0.0 };
+        Self { reach: sources.chain(dests).fold(0.0, f64::max), per_area, whole }
+    }
+
+    /// Error of the area along a direction with μz = `height`: each border of the
+    /// overlap is off by the rounding of the projected coordinates.
+    fn of_area(&self, overlap: &Overlap, height: f64) -> f64 {
+        let off = 4.0 * f64::EPSILON * self.reach / height;
+        (off * overlap.border * self.per_area).min(self.whole)
+    }
+}
+
+fn direction(sine: f64, cosine: f64, phi: f64) -> DVec3 {
+    let (s, c) = phi.sin_cos();
+    DVec3::new(sine, cosine * s, cosine * c)
+}

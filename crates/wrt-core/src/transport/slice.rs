@@ -1,0 +1,313 @@
+//! What arrives from the directions of one cell: an image over positions.
+
+use super::block::Source;
+use super::directions::Region;
+use super::oracle::{Verdict, oracle};
+use super::resample::{Footprint, Reach, Scratch, SummedImage, resample};
+use super::stencil::{Repeat, Sample, Taps};
+use super::{Pair, Support, TransportGeometry};
+use crate::grid::Rgb;
+use crate::{ConvexPolygon, Levels};
+use glam::{DVec2, DVec3};
+use std::f64::consts::PI;
+
+/// A source as the cells of a destination see it.
+pub(super) struct Slices<'a, S> {
+    geometry: &'a TransportGeometry,
+    source: &'a S,
+    levels: Levels,
+    reach: Reach,
+    source_size: DVec2,
+    dest_size: DVec2,
+    /// Cosines (μx, μy) that bound the directions to the source, low and high.
+    visible: [DVec2; 2],
+    pictures: Pictures,
+}
+
+/// The source's pictures, prepared for how they are resampled.
+enum Pictures {
+    Summed(Vec<SummedImage>),
+    Repeating(Repeat, Vec<Vec<Rgb>>),
+}
+
+/// Room that resampling reuses.
+#[derive(Debug, Default)]
+pub(super) struct Room {
+    scratch: Scratch,
+    taps: Taps,
+    samples: Vec<Sample>,
+}
+
+/// Means over the positions of one direction cell.
+pub(super) type Image = Vec<[f64; 3]>;
+
+impl<'a, S: Source> Slices<'a, S> {
+    /// Also without `stencils`, for tests, where footprints repeat.
+    pub(super) fn new(
+        geometry: &'a TransportGeometry,
+        source: &'a S,
+        levels: Levels,
+        stencils: bool,
+    ) -> Self {
+        let size = |polygon: &crate::Polygon| match polygon.size() {
+            Some(size) => size,
+            None => panic!("block transport is for rectilinear charts"),
+        };
+        let (source_size, dest_size) = (size(geometry.source()), size(geometry.dest()));
+        let mut slices = Self {
+            geometry,
+            source,
+            levels,
+            reach: reach(geometry, dest_size, levels.position),
+            source_size,
+            dest_size,
+            visible: within(visible(geometry, source_size, dest_size), geometry, source),
+            pictures: Pictures::Summed(Vec::new()),
+        };
+        let side = 1 << source.level();
+        let repeat = slices.repeat().filter(|_| stencils);
+        let pictures = source.pictures().into_iter();
+        slices.pictures = match repeat {
+            Some(repeat) => {
+                Pictures::Repeating(repeat, pictures.map(|p| repeat.picture(p, side)).collect())
+            }
+            None => Pictures::Summed(pictures.map(|p| SummedImage::new(p, side)).collect()),
+        };
+        slices
+    }
+
+    /// The source.
+    pub(super) fn source(&self) -> &S {
+        self.source
+    }
+
+    /// Whether footprints repeat, and stencils are used.
+    #[cfg(test)]
+    pub(super) fn repeats(&self) -> bool {
+        matches!(self.pictures, Pictures::Repeating(..))
+    }
+
+    /// The directions of a cell (κ fastest) from which the source can be seen.
+    pub(super) fn regions(&self, direction: usize) -> Vec<Region> {
+        let level = self.levels.direction;
+        let cosine = self.cosine();
+        let m = DVec2::new((direction & ((1 << level) - 1)) as f64, (direction >> level) as f64);
+        let (low, high) = (m * cosine - 1.0, (m + 1.0) * cosine - 1.0);
+        Region::of(low.max(self.visible[0]), high.min(self.visible[1]))
+    }
+
+    /// The image of a direction cell from points along both sides of each of its
+    /// regions, so many; `None` if nothing of the source is seen.
+    pub(super) fn image(&self, regions: &[(Region, [u32; 2])], room: &mut Room) -> Option<Image> {
+        room.samples.clear();
+        for (region, n) in regions {
+            self.sample(region, *n, &mut room.samples);
+        }
+        if room.samples.is_empty() {
+            return None;
+        }
+        let cells = 1 << self.levels.position;
+        let side = 1 << self.source.level();
+        let mut out = vec![[0.0; 3]; self.levels.positions()];
+        match &self.pictures {
+            Pictures::Repeating(repeat, pictures) => {
+                room.samples.sort_by_key(|sample| sample.picture);
+                repeat.resample(pictures, side, &room.samples, cells, &mut room.taps, &mut out);
+            }
+            Pictures::Summed(pictures) => {
+                for &Sample { picture, footprint, weight } in &room.samples {
+                    let picture = &pictures[picture];
+                    let scratch = &mut room.scratch;
+                    resample(picture, &footprint, &self.reach, cells, weight, scratch, &mut out);
+                }
+            }
+        }
+        out.iter().any(|rgb| *rgb != [0.0; 3]).then_some(out)
+    }
+
+    /// Appends the samples of a region.
+    fn sample(&self, region: &Region, n: [u32; 2], samples: &mut Vec<Sample>) {
+        let scale = (self.cosine() * self.cosine()).recip();
+        for i in 0..n[0] * n[1] {
+            let [(s, ws), (t, wt)] = [(i % n[0], n[0]), (i / n[0], n[1])].map(|(i, n)| point(i, n));
+            let Some((mu, measure)) = region.at(s, t) else { continue };
+            let travel = self.geometry.source_direction(mu);
+            // Rays along the source's plane carry nothing and map to infinity.
+            if travel.z < 1e-9 {
+                continue;
+            }
+            let Some((picture, factor)) = self.source.slice(travel) else { continue };
+            let weight = ws * wt * measure * scale * factor;
+            samples.push(Sample { picture, footprint: self.footprint(mu), weight });
+        }
+    }
+
+    /// How far footprints move over a `region`, in texels or in destination cells if
+    /// these are larger, along s and along t.
+    pub(super) fn travel(&self, region: &Region) -> [f64; 2] {
+        let [x, y, n] = self.geometry.source_axes();
+        let pixels = f64::from(1_u32 << self.source.level());
+        let scale = DVec2::splat(pixels) / self.source_size;
+        // A point at height h over the source's plane is projected h × this away.
+        let slope = |s: f64, t: f64| {
+            let (mu, _) = region.at(s.clamp(1e-6, 1.0 - 1e-6), t.clamp(1e-6, 1.0 - 1e-6))?;
+            let rate = n.dot(mu);
+            (rate < -1e-6).then(|| DVec2::new(x.dot(mu), y.dot(mu)) / rate)
+        };
+        let offset = self.geometry.source_to_dest(DVec2::ZERO);
+        let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+        let height = corners
+            .map(|(u, v)| n.dot((DVec2::new(u, v) * self.dest_size).extend(0.0) - offset))
+            .into_iter()
+            .fold(0.0, f64::max);
+        // Only what is seen counts: it moved by no more than across both polygons.
+        let across = self.source_size.length() + self.dest_size.length() + offset.length();
+        let cell = pixels / f64::from(1_u32 << self.levels.position)
+            * (self.dest_size / self.source_size).max_element();
+        let distance = |a: Option<DVec2>, b: Option<DVec2>| {
+            let (Some(a), Some(b)) = (a, b) else { return f64::INFINITY };
+            let seen = height.min(across / a.length().min(b.length()).max(1e-12));
+            ((a - b) * scale).length() * seen / cell.max(1.0)
+        };
+        let middle = |along: usize| {
+            let at = |x: f64, y: f64| if along == 0 { slope(x, y) } else { slope(y, x) };
+            [0.0, 0.5, 1.0]
+                .map(|y| distance(at(0.0, y), at(1.0, y)))
+                .into_iter()
+                .fold(0.0, f64::max)
+        };
+        [middle(0), middle(1)]
+    }
+
+    /// Whether the oracle proves that a direction cell (κ fastest) sees nothing.
+    pub(super) fn is_blind(&self, direction: usize) -> bool {
+        let level = self.levels.direction;
+        let (k, l) = (direction & ((1 << level) - 1), direction >> level);
+        let levels = Levels { position: 0, direction: level };
+        let dest = Support { levels, m: [0, 0, k as u16, l as u16] };
+        let source = Support::isotropic(0, [0; 4]);
+        oracle(&Pair::new(self.geometry, source, dest)) == Verdict::Zero
+    }
+
+    /// √ of the sum of squares over the positions and channels of an image that has
+    /// the source's brightest texel everywhere.
+    pub(super) fn brightest(&self) -> f64 {
+        let energy = |rgb: &Rgb| rgb.iter().map(|&x| f64::from(x) * f64::from(x)).sum::<f64>();
+        let pictures = self.source.pictures().into_iter().flatten();
+        let most = pictures.map(energy).fold(0.0, f64::max);
+        (most * self.levels.positions() as f64).sqrt()
+    }
+
+    /// Side of a direction cell in cosines.
+    fn cosine(&self) -> f64 {
+        2.0 / f64::from(1_u32 << self.levels.direction)
+    }
+
+    /// The axis along which footprints repeat, if they do.
+    fn repeat(&self) -> Option<Repeat> {
+        if matches!(self.reach, Reach::Parts(_)) {
+            return None;
+        }
+        let [_, _, n] = self.geometry.source_axes();
+        // Two directions that see the source's front, in general position to it.
+        let at = |turn: DVec3| self.footprint((turn - n).normalize());
+        let (one, other) = (at(DVec3::new(0.31, 0.17, 0.23)), at(DVec3::new(-0.13, 0.29, -0.19)));
+        Repeat::of(&one, &other, 1 << self.levels.position)
+    }
+
+    /// Destination (u, v) → source pixels along `mu`.
+    fn footprint(&self, mu: DVec3) -> Footprint {
+        let [x, y, n] = self.geometry.source_axes();
+        let offset = self.geometry.source_to_dest(DVec2::ZERO);
+        let pixels = f64::from(1_u32 << self.source.level());
+        // The component in the source's plane of a vector moved along μ onto it.
+        let slide = |v: DVec3| {
+            let on = v - mu * (n.dot(v) / n.dot(mu));
+            DVec2::new(x.dot(on), y.dot(on)) / self.source_size * pixels
+        };
+        Footprint {
+            origin: slide(-offset),
+            du: slide(DVec3::X * self.dest_size.x),
+            dv: slide(DVec3::Y * self.dest_size.y),
+        }
+    }
+}
+
+/// Node and weight `i` of the midpoint rule with `n` points on [0, 1], corrected at
+/// its ends.
+///
+/// The rule's error is h²/24 (f′(1) − f′(0)) and then of order h⁴; the derivatives
+/// are had from three points at either end (Euler-Maclaurin).
+fn point(i: u32, n: u32) -> (f64, f64) {
+    const CORRECTION: [f64; 3] = [2.0 / 24.0, -3.0 / 24.0, 1.0 / 24.0];
+    let h = f64::from(n).recip();
+    let at = |i: u32| CORRECTION.get(i as usize).copied().unwrap_or(0.0);
+    let correction = if n < 3 { 0.0 } else { at(i) + at(n - 1 - i) };
+    ((f64::from(i) + 0.5) * h, (1.0 + correction) * h)
+}
+
+/// The parts of the destination's cells in front of the source's plane.
+fn reach(geometry: &TransportGeometry, size: DVec2, level: u8) -> Reach {
+    let [_, _, n] = geometry.source_axes();
+    let offset = geometry.source_to_dest(DVec2::ZERO);
+    let front = |uv: DVec2| n.dot((uv * size).extend(0.0) - offset);
+    let unit = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
+    // A shared edge lies on the plane up to rounding.
+    let rounding = 1e-12 * (size.length() + offset.length());
+    if unit.iter().all(|&c| front(c) >= -rounding) {
+        return Reach::All;
+    }
+    let side = 1_usize << level;
+    let part = |i: usize| {
+        let at = DVec2::new((i % side) as f64, (i / side) as f64);
+        let corners = unit.map(|c| (at + c) / side as f64);
+        let part = ConvexPolygon::new(&corners).clipped(front);
+        let whole = part.vertices() == corners;
+        (!whole).then(|| part.vertices().to_vec())
+    };
+    Reach::Parts((0..side * side).map(part).collect())
+}
+
+/// Those of the bounds `visible` on μx and μy that the source's cone of light meets.
+fn within(visible: [DVec2; 2], geometry: &TransportGeometry, source: &impl Source) -> [DVec2; 2] {
+    let Some((axis, radius)) = source.cone() else { return visible };
+    let [x, y, n] = geometry.source_axes();
+    // Towards where the light comes from, in the destination's frame.
+    let to = -(x * axis.x + y * axis.y + n * axis.z);
+    let bound = |mu: f64, r: f64| (mu.clamp(-1.0, 1.0).acos() + r).clamp(0.0, PI).cos();
+    let low = DVec2::new(bound(to.x, radius), bound(to.y, radius)) - 1e-12;
+    let high = DVec2::new(bound(to.x, -radius), bound(to.y, -radius)) + 1e-12;
+    [visible[0].max(low), visible[1].min(high)]
+}
+
+/// Bounds on μx and μy of all directions from the destination to the source.
+///
+/// With d = source point − destination point in a box, μx = dx / |d| is bounded
+/// by the extreme dx over the least (for large |μx|) or greatest rest √(dy²+dz²).
+fn visible(geometry: &TransportGeometry, source: DVec2, dest: DVec2) -> [DVec2; 2] {
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for s in [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y] {
+        for d in [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y] {
+            let between = geometry.source_to_dest(s * source) - (d * dest).extend(0.0);
+            (low, high) = (low.min(between), high.max(between));
+        }
+    }
+    // Only what is above the destination counts.
+    low.z = low.z.max(0.0);
+    high.z = high.z.max(0.0);
+    let least = |low: f64, high: f64| {
+        if low <= 0.0 && high >= 0.0 { 0.0 } else { low.abs().min(high.abs()) }
+    };
+    let most = |low: f64, high: f64| low.abs().max(high.abs());
+    let bound = |i: usize, j: usize| {
+        let near = least(low[j], high[j]).hypot(least(low.z, high.z));
+        let far = most(low[j], high[j]).hypot(most(low.z, high.z));
+        let cosine = |d: f64, rest: f64| if d == 0.0 { 0.0 } else { d / d.hypot(rest) };
+        let top = cosine(high[i], if high[i] > 0.0 { near } else { far });
+        let bottom = cosine(low[i], if low[i] < 0.0 { near } else { far });
+        (bottom, top)
+    };
+    let ((x0, x1), (y0, y1)) = (bound(0, 1), bound(1, 0));
+    // Rounding must not shave a direction off.
+    [DVec2::new(x0, y0) - 1e-12, DVec2::new(x1, y1) + 1e-12]
+}
