@@ -117,7 +117,8 @@ impl PatchRadiance for WctTexture {
             LookUp::Haar(sampler) => sampler.multilinear([uv.x, uv.y, q.kappa, q.lambda]),
             LookUp::Smooth(sampler) => sampler.radiance(uv, mu),
         };
-        // Thresholding and polynomials can leave a little less than no light.
+        // Thresholding and polynomials can leave a little less than no light: what taking
+        // none costs is told where trees are compressed.
         Some(Vec3::from(radiance).max(Vec3::ZERO))
     }
 }

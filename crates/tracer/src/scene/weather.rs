@@ -129,6 +129,7 @@ mod tests {
     use super::*;
     use crate::scene::{Material, Mesh};
     use glam::Vec3;
+    use std::path::Path;
     use wrt_core::{Emission, Sky, SkyModel};
 
     /// A window in a wall that looks north, the first edge `turn` corners on.
@@ -204,6 +205,52 @@ mod tests {
             let travel = -sun.direction;
             let beside = DVec3::new(-travel.x, travel.y, travel.z);
             assert!(along(travel) > 100.0 * along(beside), "turn {turn}");
+        }
+    }
+
+    /// Sunlight through a blind's BSDF, made by Radiance's programs: what leaves the inner
+    /// side, over what falls on the outer one, is `pyradiance.bsdf.direct_hemi` of that
+    /// direction, transmitted.
+    #[test]
+    fn a_blind_passes_what_radiance_says() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/golden/bsdf");
+        for (file, suns) in [
+            (
+                "blind_kq.xml",
+                [
+                    ([20., 35.], 0.817_909),
+                    ([-30., 50.], 0.810_764),
+                    ([5., 15.], 0.836_705),
+                    ([60., 40.], 0.881_764),
+                ],
+            ),
+            (
+                "blind_t4.xml",
+                [
+                    ([20., 35.], 0.833_902),
+                    ([-30., 50.], 0.826_416),
+                    ([12., 60.], 0.867_151),
+                    ([60., 40.], 0.859_213),
+                ],
+            ),
+        ] {
+            let bsdf = super::super::bsdf_xml::read(&folder.join(file)).expect("a BSDF");
+            let glazing = Glazing::Tabulated(bsdf.into());
+            for ([azimuth, elevation], expected) in suns {
+                let mut scene = scene(0, Some(glazing.clone()));
+                let sun = Sun::new(azimuth, elevation, 600.0).expect("in range");
+                let sky = Sky::new(SkyModel::Uniform, 0.0, Some(sun), 0.0).expect("in range");
+                scene.sky = Some(sky);
+                light_windows(&mut scene).expect("a plane");
+                let lobe = scene.materials[1].lobe.as_ref().expect("weather");
+                let planar = &surfaces::emitters(&scene)[0];
+                let polygon = Polygon::rectilinear(&planar.vertices).expect("a square");
+                let light = lobe.window.as_ref().expect("weather").light_in(polygon.frame());
+                let leaves = Emission::new(0, vec![[1.0; 3]], light).project(6).irradiance()[0][0];
+                let found = leaves / (600.0 * -sun.direction.z);
+                println!("{file}, sun at {azimuth}, {elevation}: {found:.4}, Radiance {expected:.4}");
+                assert!((found / expected - 1.0).abs() < 5e-3, "{file}: {found} {expected}");
+            }
         }
     }
 
