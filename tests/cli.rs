@@ -111,4 +111,19 @@ fn weather_lights_the_windows() {
         let complaint = fail(1, &bake(flags));
         assert!(complaint.contains(expected), "{flags:?}: {complaint}");
     }
+    // Shown under the sky that it was baked under, or with a word about it.
+    succeed(&bake(&["--sky", "overcast"]));
+    let png = folder.path("quad.png");
+    let render = |flags: &[&str]| {
+        let args = ["render", &quad, "--wct", &out, "--size", "16x12", "-o", &png];
+        let output = tracer(&[&args[..], flags].concat());
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stderr).expect("UTF-8 on stderr")
+    };
+    let told = "baked under overcast sky of 100 W/m2 over ground of 0.2, shown under ";
+    assert!(!render(&["--sky", "overcast"]).contains("baked under"), "the same");
+    for (flags, shown) in [(&["--sky", "uniform"][..], "uniform sky of 100"), (&[], "no sky")] {
+        let words = render(flags);
+        assert!(words.contains(&format!("{told}{shown}")), "{words}");
+    }
 }

@@ -7,6 +7,7 @@ use crate::grid::Grid;
 use crate::{Error, Frame, Levels, Result, udc_fraction};
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
+use std::fmt;
 
 /// How the radiance of the sky depends on direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,6 +67,9 @@ pub struct Sky {
     sun: Option<Sun>,
     /// Of the sky, by which its relative radiance is multiplied.
     scale: f64,
+    /// Its irradiance of the ground, and what that reflects.
+    diffuse: f64,
+    albedo: f64,
     /// Radiance of the ground.
     ground: f64,
     perez: [f64; 5],
@@ -96,7 +100,7 @@ impl Sky {
         };
         let beam = sun.map_or(0.0, |sun| sun.irradiance * sun.direction.y);
         let ground = albedo * (diffuse + beam) / PI;
-        let mut sky = Self { model, sun, scale: 1.0, ground, perez };
+        let mut sky = Self { model, sun, scale: 1.0, diffuse, albedo, ground, perez };
         sky.scale = diffuse / sky.horizontal();
         Ok(sky)
     }
@@ -208,6 +212,24 @@ impl Sky {
                 means[index(mu.y) * side + index(mu.x)] += share * -mu.z / cell;
             }
         }
+    }
+}
+
+/// Such as `overcast sky of 100 W/m2 over ground of 0.2, sun of 500 W/m2 at 20, 35 degrees`.
+impl fmt::Display for Sky {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let model = match self.model {
+            SkyModel::Uniform => "uniform",
+            SkyModel::Overcast => "overcast",
+            SkyModel::Clear => "clear",
+        };
+        write!(f, "{model} sky of {} W/m2 over ground of {}", self.diffuse, self.albedo)?;
+        if let Some(Sun { direction, irradiance }) = self.sun {
+            let azimuth = direction.x.atan2(-direction.z).to_degrees().rem_euclid(360.0);
+            let elevation = direction.y.clamp(-1.0, 1.0).asin().to_degrees();
+            write!(f, ", sun of {irradiance} W/m2 at {azimuth:.4}, {elevation:.4} degrees")?;
+        }
+        Ok(())
     }
 }
 
@@ -354,6 +376,16 @@ mod tests {
         let cell = |mu: f64| (16.0 * (mu + 1.0)) as usize;
         let lit = grid.mean([0, 0, cell(to.x), cell(to.y)])[0];
         assert_eq!(lit > 0.0, to.z < 0.0, "{to}");
+    }
+
+    #[test]
+    fn a_sky_says_what_it_is() {
+        let sun = Some(Sun::new(-20.0, 35.0, 600.0).expect("in range"));
+        let sky = Sky::new(SkyModel::Clear, 90.0, sun, 0.25).expect("in range");
+        assert_eq!(
+            sky.to_string(),
+            "clear sky of 90 W/m2 over ground of 0.25, sun of 600 W/m2 at 340.0000, 35.0000 degrees"
+        );
     }
 
     #[test]

@@ -43,6 +43,9 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
             },
         );
     }
+    if let Some(sky) = &scene.sky {
+        recorded.insert(super::SKY.to_owned(), sky.to_string());
+    }
     let file = WctFile {
         patches: baked.patches.clone(),
         smooth: baked.smooth.clone(),

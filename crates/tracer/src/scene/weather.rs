@@ -248,7 +248,9 @@ mod tests {
                 let light = lobe.window.as_ref().expect("weather").light_in(polygon.frame());
                 let leaves = Emission::new(0, vec![[1.0; 3]], light).project(6).irradiance()[0][0];
                 let found = leaves / (600.0 * -sun.direction.z);
-                println!("{file}, sun at {azimuth}, {elevation}: {found:.4}, Radiance {expected:.4}");
+                println!(
+                    "{file}, sun at {azimuth}, {elevation}: {found:.4}, Radiance {expected:.4}"
+                );
                 assert!((found / expected - 1.0).abs() < 5e-3, "{file}: {found} {expected}");
             }
         }
