@@ -132,3 +132,32 @@ fn weather_lights_the_windows() {
         assert!(words.contains(&format!("{told}{shown}")), "{words}");
     }
 }
+
+#[test]
+fn compare_tells_how_far_apart_two_pictures_are() {
+    let folder = Folder::new();
+    let facing = scene("facing/facing.gltf");
+    let render = |name: &str, size: &str, samples: &str| {
+        let output = folder.path(name);
+        succeed(&["render", &facing, "--size", size, "--samples", samples, "-o", &output]);
+        output
+    };
+    let rough = render("rough.exr", "24x18", "1");
+    let fine = render("fine.exr", "24x18", "64");
+    let small = render("small.png", "12x9", "1");
+    let map = folder.path("map.png");
+    let compared = |a: &str, b: &str| -> serde_json::Value {
+        let printed = succeed(&["compare", a, b, "--json", "-o", &map]);
+        serde_json::from_str(&printed).expect("JSON")
+    };
+    let same = compared(&fine, &fine);
+    for what in ["flip", "flip_max", "relative_rms", "relative_mse"] {
+        assert_eq!(same[what], 0.0, "{what} of a picture and itself: {same}");
+        let found = compared(&rough, &fine)[what].as_f64().expect("a number");
+        assert!((1e-6..10.0).contains(&found), "{what}: {found}");
+    }
+    let complaint = fail(1, &["compare", &fine, &small]);
+    assert!(complaint.contains("24 x 18 pixels and"), "{complaint}");
+    let complaint = fail(1, &["compare", &fine, &folder.path("missing.png")]);
+    assert!(complaint.contains("missing.png"), "{complaint}");
+}

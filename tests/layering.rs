@@ -44,6 +44,7 @@ const TRACER: &[&str] = &[
     "emitters",
     "whitted",
     "film",
+    "flip",
     "render",
     "wct_texture",
     "plot",

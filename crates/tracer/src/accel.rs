@@ -1,4 +1,4 @@
-//! Closest hit and shadow ray over every triangle of a scene; the only file
+//! Closest hit and shadow ray over every triangle of a scene; the only module
 //! that names obvhs.
 //!
 //! The hierarchy's boxes are f32, the triangles f64. Two things make the whole
@@ -6,22 +6,25 @@
 //! *Watertight Ray/Triangle Intersection*, JCGT 2(1), 2013, and the boxes are
 //! padded by more than the rounding of a ray to f32 can move it. Vertices are
 //! centred on the scene and scaled by a power of two first, so that the padding
-//! and obvhs's own absolute epsilon mean the same for every scene.
+//! means the same for every scene.
+//!
+//! Which triangle is hit, and where, depends neither on the shape of the hierarchy
+//! nor on how wide the machine's registers are.
+
+mod block;
+mod wide;
 
 use crate::scene::{Cutout, Scene};
-use glam::{DVec3, Vec3A};
-use obvhs::{
-    BvhBuildParams,
-    aabb::Aabb,
-    cwbvh::{CwBvh, builder::build_cwbvh},
-    ray::{Ray, RayHit},
-};
-use std::time::Duration;
+use block::{Block, Meeting, ShearedRay};
+use fearless_simd::{Level, Simd, dispatch};
+use glam::DVec3;
+use obvhs::aabb::Aabb;
+use wide::{Next, SlabRay, Wide};
+
+/// Triangles of a block, tested at once.
+const LANES: usize = 4;
 
 /// Half the longest side of the scaled scene, to within a factor of two.
-///
-/// obvhs skips boxes that a ray leaves before t = 10⁻⁴, whatever the unit. At
-/// this size that is 10⁻⁷ of the scene.
 const HALF_EXTENT: f64 = 1024.0;
 
 /// What the boxes are padded by: 2⁻¹⁸ of [`HALF_EXTENT`], where rounding a ray
@@ -57,10 +60,9 @@ pub(crate) struct Hit {
     pub(crate) opacity: f32,
 }
 
-/// A triangle in the scaled frame.
-#[derive(Debug)]
-struct Triangle {
-    vertices: [[f64; 3]; 3],
+/// What is known of a triangle beside its corners.
+#[derive(Clone, Copy, Debug, Default)]
+struct Owner {
     mesh: u32,
     index: u32,
     /// What a shadow ray keeps in passing: 0 for opaque.
@@ -72,9 +74,12 @@ struct Triangle {
 /// All triangles of a scene, ready for rays.
 #[derive(Debug)]
 pub(crate) struct Accel {
-    bvh: CwBvh,
-    /// In the order of the hierarchy's leaves.
-    triangles: Vec<Triangle>,
+    level: Level,
+    hierarchy: Wide,
+    /// As the hierarchy numbers them.
+    blocks: Vec<Block>,
+    /// Of the blocks' triangles.
+    owners: Vec<[Owner; LANES]>,
     /// One a mesh, where it is not opaque.
     cutouts: Vec<Option<Cutout>>,
     /// World position of the scaled frame's origin.
@@ -97,7 +102,7 @@ impl Accel {
     /// are 2³² triangles.
     pub(crate) fn new(scene: &Scene) -> Self {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let mut triangles = Vec::new();
+        let (mut triangles, mut owners) = (Vec::new(), Vec::new());
         let cutouts: Vec<_> = scene.meshes.iter().map(|mesh| Cutout::of(scene, mesh)).collect();
         for (m, mesh) in scene.meshes.iter().enumerate() {
             let transmission = scene.materials[mesh.material].transmission.clamp(0.0, 1.0);
@@ -110,43 +115,31 @@ impl Accel {
                     (low, high) = (low.min(p), high.max(p));
                 }
                 let index = |i| u32::try_from(i).expect("fewer than 2³² triangles");
-                triangles.push(Triangle {
-                    vertices: p.map(|p| p.to_array()),
-                    mesh: index(m),
-                    index: index(i),
-                    transmission,
-                    cut: cutouts[m].is_some(),
-                });
+                let (mesh, index) = (index(m), index(i));
+                triangles.push(p);
+                owners.push(Owner { mesh, index, transmission, cut: cutouts[m].is_some() });
             }
         }
         if triangles.is_empty() {
-            return Self {
-                bvh: CwBvh::default(),
-                triangles,
-                cutouts,
-                centre: DVec3::ZERO,
-                scale: 1.0,
-                half_sides: DVec3::ZERO,
-                offset: OFFSET,
-            };
+            (low, high) = (-DVec3::ONE, DVec3::ONE);
         }
         let centre = 0.5 * low + 0.5 * high;
         let half_sides = 0.5 * high - 0.5 * low;
         let scale = (HALF_EXTENT / half_sides.max_element()).log2().floor().exp2();
-        for vertex in triangles.iter_mut().flat_map(|t| &mut t.vertices) {
-            *vertex = ((DVec3::from_array(*vertex) - centre) * scale).to_array();
+        for p in triangles.iter_mut().flatten() {
+            *p = (*p - centre) * scale;
         }
         let boxes: Vec<Aabb> = triangles.iter().map(padded_box).collect();
-        let bvh = build_cwbvh(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
-        let mut unordered: Vec<_> = triangles.into_iter().map(Some).collect();
-        let triangles = bvh
-            .primitive_indices
-            .iter()
-            .map(|&i| unordered[i as usize].take().expect("each box is in one leaf"))
-            .collect();
+        let (hierarchy, order) = Wide::new(&boxes);
+        let block = |members: &[Option<u32>; LANES]| {
+            Block::new(members.map(|i| i.map(|i| triangles[i as usize])))
+        };
+        let owner = |i: Option<u32>| i.map_or_else(Owner::default, |i| owners[i as usize]);
         Self {
-            bvh,
-            triangles,
+            level: Level::new(),
+            hierarchy,
+            blocks: order.iter().map(block).collect(),
+            owners: order.iter().map(|members| members.map(owner)).collect(),
             cutouts,
             centre,
             scale,
@@ -165,48 +158,71 @@ impl Accel {
         tmin: f64,
         tmax: f64,
     ) -> Option<Hit> {
-        let (ray, segment) = self.enter(origin, direction, tmin, tmax)?;
-        let mut best: Option<(usize, Meeting)> = None;
-        let mut tmax = ray.tmax;
-        // obvhs compares distances in f32. It is told a bound that is never
-        // too small; which triangle is nearest is decided here.
-        self.bvh.ray_traverse(segment, &mut RayHit::none(), |_, i| {
-            let triangle = &self.triangles[i];
-            let Some(meeting) = ray.meets(triangle).filter(|m| m.t <= tmax) else {
-                return f32::INFINITY;
-            };
-            let order = |i: usize| (self.triangles[i].mesh, self.triangles[i].index);
-            if best.is_some_and(|(b, nearest)| nearest.t == meeting.t && order(b) < order(i))
-                || self.opacity(triangle, &meeting) == 0.0
-            {
-                return f32::INFINITY;
-            }
-            (best, tmax) = (Some((i, meeting)), meeting.t);
-            ((meeting.t - ray.skipped) as f32).next_up()
-        });
-        let (i, meeting) = best?;
-        let Meeting { t, barycentric: (u, v) } = meeting;
-        let triangle = &self.triangles[i];
-        let p = triangle.vertices.map(DVec3::from_array);
-        let normal = normal_of(p);
-        Some(Hit {
-            mesh: triangle.mesh as usize,
-            triangle: triangle.index,
-            t: t / self.scale,
-            barycentric: (u, v),
-            position: (p[0] + u * (p[1] - p[0]) + v * (p[2] - p[0])) / self.scale + self.centre,
-            normal,
-            front: normal.dot(direction) < 0.0,
-            opacity: self.opacity(triangle, &meeting),
-        })
+        dispatch!(self.level, simd => self.closest_with(simd, origin, direction, tmin, tmax))
     }
 
-    fn opacity(&self, triangle: &Triangle, meeting: &Meeting) -> f32 {
-        if !triangle.cut {
+    #[inline(always)]
+    fn closest_with<S: Simd>(
+        &self,
+        simd: S,
+        origin: DVec3,
+        direction: DVec3,
+        tmin: f64,
+        tmax: f64,
+    ) -> Option<Hit> {
+        let ray = self.enter(origin, direction, tmin, tmax)?;
+        let mut best: Option<((usize, usize), Meeting)> = None;
+        let mut tmax = ray.tmax;
+        self.hierarchy.traverse(simd, &ray.slabs, |i| {
+            let i = i as usize;
+            let mut meetings = ray.sheared.meets(simd, &self.blocks[i], ray.tmin, tmax);
+            while meetings.met != 0 {
+                let place = (i, meetings.take());
+                let meeting = meetings.at(place.1);
+                let order = |(i, lane): (usize, usize)| {
+                    let owner = &self.owners[i][lane];
+                    (owner.mesh, owner.index)
+                };
+                let farther = meeting.t > tmax
+                    || best.is_some_and(|(b, nearest)| {
+                        nearest.t == meeting.t && order(b) < order(place)
+                    });
+                if !farther && self.opacity(place, &meeting) != 0.0 {
+                    (best, tmax) = (Some((place, meeting)), meeting.t);
+                }
+            }
+            Next::Within(ray.single(tmax))
+        });
+        let (place, meeting) = best?;
+        Some(self.hit(place, &meeting, direction))
+    }
+
+    fn hit(&self, place: (usize, usize), meeting: &Meeting, direction: DVec3) -> Hit {
+        let Meeting { t, barycentric: (u, v) } = *meeting;
+        let owner = &self.owners[place.0][place.1];
+        let p = self.blocks[place.0].triangle(place.1);
+        let normal = normal_of(p);
+        let metres = self.scale.recip();
+        Hit {
+            mesh: owner.mesh as usize,
+            triangle: owner.index,
+            t: t * metres,
+            barycentric: (u, v),
+            position: (p[0] + u * (p[1] - p[0]) + v * (p[2] - p[0])) * metres + self.centre,
+            normal,
+            front: normal.dot(direction) < 0.0,
+            opacity: self.opacity(place, meeting),
+        }
+    }
+
+    #[inline]
+    fn opacity(&self, (block, lane): (usize, usize), meeting: &Meeting) -> f32 {
+        let owner = &self.owners[block][lane];
+        if !owner.cut {
             return 1.0;
         }
-        let cutout = self.cutouts[triangle.mesh as usize].as_ref();
-        cutout.map_or(1.0, |cutout| cutout.opacity(triangle.index, meeting.barycentric))
+        let cutout = self.cutouts[owner.mesh as usize].as_ref();
+        cutout.map_or(1.0, |cutout| cutout.opacity(owner.index, meeting.barycentric))
     }
 
     /// Whether anything opaque is between two points.
@@ -230,16 +246,28 @@ impl Accel {
     /// [`visibility`](Self::visibility) over the distance `reach`, which may be
     /// infinite, along the unit `direction`.
     pub(crate) fn visibility_along(&self, origin: DVec3, direction: DVec3, reach: f64) -> f32 {
-        let Some((ray, segment)) = self.enter(origin, direction, 0.0, reach) else { return 1.0 };
+        dispatch!(self.level, simd => self.visibility_with(simd, origin, direction, reach))
+    }
+
+    #[inline(always)]
+    fn visibility_with<S: Simd>(
+        &self,
+        simd: S,
+        origin: DVec3,
+        direction: DVec3,
+        reach: f64,
+    ) -> f32 {
+        let Some(ray) = self.enter(origin, direction, 0.0, reach) else { return 1.0 };
         let mut visibility = 1.0;
-        self.bvh.ray_traverse_miss(segment, |_, i| {
-            let triangle = &self.triangles[i];
-            if let Some(meeting) = ray.meets(triangle) {
-                let opacity = self.opacity(triangle, &meeting);
-                visibility *= 1.0 - opacity * (1.0 - triangle.transmission);
+        self.hierarchy.traverse(simd, &ray.slabs, |i| {
+            let i = i as usize;
+            let mut meetings = ray.sheared.meets(simd, &self.blocks[i], ray.tmin, ray.tmax);
+            while meetings.met != 0 {
+                let place = (i, meetings.take());
+                let opacity = self.opacity(place, &meetings.at(place.1));
+                visibility *= 1.0 - opacity * (1.0 - self.owners[i][place.1].transmission);
             }
-            // Any distance inside the segment ends the search.
-            if visibility == 0.0 { 0.0 } else { f32::INFINITY }
+            if visibility == 0.0 { Next::Stop } else { Next::Within(ray.reach) }
         });
         visibility
     }
@@ -250,36 +278,58 @@ impl Accel {
         position + normal * self.offset.copysign(normal.dot(direction))
     }
 
-    /// The ray in the scaled frame, and its part inside the scene's box for
-    /// obvhs; `None` if there is none. Starting at the box keeps the f32
-    /// coordinates small however far the eye is.
-    fn enter(
-        &self,
-        origin: DVec3,
-        direction: DVec3,
-        tmin: f64,
-        tmax: f64,
-    ) -> Option<(ShearedRay, Ray)> {
+    /// The ray in the scaled frame, and its part inside the scene's box; `None` if
+    /// there is none. Starting at the box keeps the f32 coordinates small however
+    /// far the eye is.
+    #[inline(always)]
+    fn enter(&self, origin: DVec3, direction: DVec3, tmin: f64, tmax: f64) -> Option<Entered> {
         debug_assert!(direction.is_normalized(), "not a unit vector: {direction}");
         let origin = (origin - self.centre) * self.scale;
         let (tmin, tmax) = (tmin * self.scale, tmax * self.scale);
+        let inverse = direction.recip();
         let (mut near, mut far) = (tmin, tmax);
         for axis in 0..3 {
-            let (o, d, half) = (origin[axis], direction[axis], self.half_sides[axis]);
-            // With d = 0 on a face these are NaN, which min and max pass over.
-            let (t0, t1) = ((-half - o) / d, (half - o) / d);
+            let (o, d, half) = (origin[axis], inverse[axis], self.half_sides[axis]);
+            // With a ray in a face these are NaN, which min and max pass over.
+            let (t0, t1) = ((-half - o) * d, (half - o) * d);
             near = near.max(t0.min(t1));
             far = far.min(t0.max(t1));
         }
         if near > far {
             return None;
         }
-        let start = (origin + near * direction).as_vec3a();
-        // obvhs takes the sign of a zero from two places that disagree on −0.
-        let along = direction.as_vec3a() + Vec3A::ZERO;
         let reach = ((far - near) as f32).next_up() + PADDING;
-        let segment = Ray::new(start, along, 0.0, reach);
-        Some((ShearedRay::new(origin, direction, near, tmin, tmax), segment))
+        Some(Entered {
+            slabs: SlabRay::new(origin + near * direction, direction, reach),
+            sheared: ShearedRay::new(origin, direction, inverse),
+            skipped: near,
+            reach,
+            tmin,
+            // A meeting at the very end is none.
+            tmax: tmax.next_down(),
+        })
+    }
+}
+
+/// A ray in the scaled frame.
+#[derive(Debug)]
+struct Entered {
+    /// From the scene's box on.
+    slabs: SlabRay,
+    sheared: ShearedRay,
+    /// Where the box begins.
+    skipped: f64,
+    /// Where it or the ray ends, from `skipped`.
+    reach: f32,
+    tmin: f64,
+    tmax: f64,
+}
+
+impl Entered {
+    /// A distance as the boxes take it, never too small.
+    #[inline(always)]
+    fn single(&self, t: f64) -> f32 {
+        ((t - self.skipped) as f32).next_up().min(self.reach)
     }
 }
 
@@ -290,70 +340,9 @@ fn normal_of(p: [DVec3; 3]) -> DVec3 {
     n / n.length()
 }
 
-fn padded_box(triangle: &Triangle) -> Aabb {
-    let [a, b, c] = triangle.vertices.map(|p| DVec3::from_array(p).as_vec3a());
+fn padded_box(triangle: &[DVec3; 3]) -> Aabb {
+    let [a, b, c] = triangle.map(|p| p.as_vec3a());
     Aabb::new(a.min(b).min(c) - PADDING, a.max(b).max(c) + PADDING)
-}
-
-/// Where a [`ShearedRay`] meets a triangle.
-#[derive(Clone, Copy, Debug)]
-struct Meeting {
-    t: f64,
-    barycentric: (f64, f64),
-}
-
-/// A ray in the scaled frame with the shear that turns it into +z (Woop et al.,
-/// §3.1).
-#[derive(Debug)]
-struct ShearedRay {
-    origin: [f64; 3],
-    /// The axes that become x, y and z.
-    axes: [usize; 3],
-    shear: [f64; 3],
-    /// Where the segment given to obvhs starts.
-    skipped: f64,
-    tmin: f64,
-    tmax: f64,
-}
-
-impl ShearedRay {
-    fn new(origin: DVec3, direction: DVec3, skipped: f64, tmin: f64, tmax: f64) -> Self {
-        let z = direction.abs().max_position();
-        let axes = [(z + 1) % 3, (z + 2) % 3, z];
-        let d = axes.map(|axis| direction[axis]);
-        let shear = [d[0] / d[2], d[1] / d[2], 1.0 / d[2]];
-        Self { origin: origin.to_array(), axes, shear, skipped, tmin, tmax }
-    }
-
-    /// Woop et al., §3.2, in f64 throughout. A vanishing edge function counts as
-    /// inside: both neighbours of an edge get bitwise opposite values, so a
-    /// ray through the edge is claimed by at least one of them.
-    ///
-    /// Departs from Woop et al. in having no fallback to a higher precision;
-    /// theirs only settles which of the two neighbours is hit.
-    #[inline]
-    fn meets(&self, triangle: &Triangle) -> Option<Meeting> {
-        let [kx, ky, kz] = self.axes;
-        let [sx, sy, sz] = self.shear;
-        let [a, b, c] = triangle.vertices.map(|p| {
-            let z = p[kz] - self.origin[kz];
-            [p[kx] - self.origin[kx] - sx * z, p[ky] - self.origin[ky] - sy * z, z]
-        });
-        let u = c[0] * b[1] - c[1] * b[0];
-        let v = a[0] * c[1] - a[1] * c[0];
-        let w = b[0] * a[1] - b[1] * a[0];
-        if (u < 0.0 || v < 0.0 || w < 0.0) && (u > 0.0 || v > 0.0 || w > 0.0) {
-            return None;
-        }
-        let determinant = u + v + w;
-        if determinant == 0.0 {
-            return None;
-        }
-        let inverse = 1.0 / determinant;
-        let t = sz * (u * a[2] + v * b[2] + w * c[2]) * inverse;
-        (self.tmin < t && t < self.tmax)
-            .then_some(Meeting { t, barycentric: (v * inverse, w * inverse) })
-    }
 }
 
 #[cfg(test)]

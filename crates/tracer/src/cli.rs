@@ -1,6 +1,7 @@
 //! The command line: what may be typed, and nothing that acts on it.
 
 mod bake;
+mod compare;
 mod convert;
 mod inspect;
 mod report;
@@ -9,6 +10,7 @@ mod view;
 mod weather;
 
 pub(crate) use bake::{Accuracy, Bake, Basis};
+pub(crate) use compare::Compare;
 pub(crate) use convert::Convert;
 pub(crate) use inspect::Inspect;
 pub(crate) use report::{Everything, Integrators, Oracle, Rays, Report, ReportPart};
@@ -42,6 +44,8 @@ pub(crate) enum Command {
     Inspect(Inspect),
     /// Store a .wct file's radiance another way: smaller, or for other programs.
     Convert(Convert),
+    /// Say how far apart two pictures are, and where.
+    Compare(Compare),
     /// Compute single cells of transported radiance, with their error estimates.
     Transport(Transport),
     /// Measure this build on this machine: speed against error, for every part.

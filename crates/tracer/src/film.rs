@@ -2,6 +2,7 @@
 //! exposure, tone curve and sRGB.
 
 mod layers;
+mod read;
 
 pub(crate) use layers::{Layers, Metadata};
 
@@ -101,6 +102,12 @@ impl Film {
         bytes
             .and_then(|bytes| Ok(write_aside(path, &bytes)?))
             .with_context(|| format!("writing {}", path.display()))
+    }
+
+    /// Linear display colours in [0, 1].
+    pub(crate) fn displayed(&self, display: Display) -> Vec<Vec3> {
+        let shown = |&pixel: &Vec3| display.apply(pixel).clamp(Vec3::ZERO, Vec3::ONE);
+        self.pixels.iter().map(shown).collect()
     }
 
     fn png(&self, display: Display) -> anyhow::Result<Vec<u8>> {

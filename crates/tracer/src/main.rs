@@ -7,6 +7,7 @@ mod cli;
 mod commands;
 mod emitters;
 mod film;
+mod flip;
 mod phong;
 mod plot;
 mod reference;
@@ -36,6 +37,7 @@ fn run(args: &cli::Args) -> anyhow::Result<()> {
         cli::Command::Bake(args) => commands::bake::run(args),
         cli::Command::Render(args) => commands::render::run(args),
         cli::Command::Fly(args) => commands::fly::run(args),
+        cli::Command::Compare(args) => commands::compare::run(args),
         cli::Command::Convert(args) => commands::convert::run(args),
         cli::Command::Inspect(args) => commands::inspect::run(args),
         cli::Command::Report(report) => match report {

@@ -220,3 +220,36 @@ fn empty_and_degenerate_scenes_are_empty_space() {
     assert_eq!(accel.closest(DVec3::ZERO, DVec3::X, 0.0, f64::INFINITY), None);
     assert!(!accel.occluded(DVec3::ZERO, DVec3::ONE), "by what?");
 }
+
+/// Wider registers do not change what is hit, nor where.
+#[test]
+#[cfg(target_arch = "x86_64")]
+fn every_instruction_set_finds_the_same() {
+    let mut accel = Accel::new(&bumpy_sphere(DVec3::new(3.0, -1.0, 2.0), 1.0));
+    let best = Level::new();
+    let sets = [
+        best.as_sse2().map(Level::Sse2),
+        best.as_sse4_2().map(Level::Sse4_2),
+        best.as_avx2().map(Level::Avx2),
+        best.as_avx512().map(Level::Avx512),
+    ];
+    let rays = |accel: &Accel| -> Vec<_> {
+        let ray = |i: u32| {
+            // Two irrational steps fill the sphere of directions.
+            let z = 2.0 * (f64::from(i) * 0.618_033_988_749_895).fract() - 1.0;
+            let (sin, cos) = (TAU * f64::from(i) * 0.414_213_562_373_095).sin_cos();
+            let r = (1.0 - z * z).sqrt();
+            let target = DVec3::new(3.0 + r * cos, -1.0 + r * sin, 2.0 + z);
+            let eye = DVec3::new(0.5, 0.5, f64::from(i % 7));
+            let hit = accel.closest(eye, (target - eye).normalize(), 0.0, f64::INFINITY);
+            (hit, accel.visibility(eye, target))
+        };
+        (0..5000).map(ray).collect()
+    };
+    let expected = rays(&accel);
+    assert!(expected.iter().filter(|(hit, _)| hit.is_some()).count() > 2000, "too few hits");
+    for level in sets.into_iter().flatten() {
+        accel.level = level;
+        assert_eq!(rays(&accel), expected, "{level:?}");
+    }
+}

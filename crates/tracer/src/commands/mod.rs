@@ -1,6 +1,7 @@
 //! One file per subcommand: open, call, report. The only files that print.
 
 pub(crate) mod bake;
+pub(crate) mod compare;
 pub(crate) mod convert;
 pub(crate) mod fly;
 pub(crate) mod inspect;

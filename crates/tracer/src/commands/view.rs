@@ -193,18 +193,23 @@ impl<'a> Stage<'a> {
 
     /// How a `.png` shows it.
     pub(super) fn display(&self) -> Display {
-        let tone = match self.view.tone {
-            cli::Tone::None => Tone::None,
-            cli::Tone::Neutral => Tone::Neutral,
-            cli::Tone::Agx => Tone::Agx,
-        };
-        Display { exposure: self.view.exposure, tone }
+        display(self.view.exposure, self.view.tone)
     }
 
     /// How many surfaces have wavelet radiance.
     pub(super) fn patches(&self) -> usize {
         self.texture.as_ref().map_or(0, WctTexture::len)
     }
+}
+
+/// What was typed, as a film takes it.
+pub(super) fn display(exposure: f32, tone: cli::Tone) -> Display {
+    let tone = match tone {
+        cli::Tone::None => Tone::None,
+        cli::Tone::Neutral => Tone::Neutral,
+        cli::Tone::Agx => Tone::Agx,
+    };
+    Display { exposure, tone }
 }
 
 /// The one of that name among `all`, or the first; an error names them all.

@@ -18,7 +18,7 @@ pub(crate) mod weather;
 pub(crate) use cutout::Cutout;
 pub(crate) use load::{Loaded, load};
 pub(crate) use metallic::MetallicRoughness;
-pub(crate) use texture::{Encoding, Texture, Wrap};
+pub(crate) use texture::{Encoding, Texture, Wrap, srgb_to_linear};
 
 use glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
 use std::path::PathBuf;

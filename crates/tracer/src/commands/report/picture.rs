@@ -2,7 +2,8 @@
 
 use super::{Bake, Bench, baked, relative_rms};
 use crate::accel::Accel;
-use crate::film::Film;
+use crate::film::{Display, Film, Tone};
+use crate::flip::{PIXELS_PER_DEGREE, flip};
 use crate::reference::{Lighting, Quadrature};
 use crate::render::{RenderOptions, RenderStats, render};
 use crate::report::{Chart, Cost, Point, Section, Series, Table, Value, cpu_time, short, time_to};
@@ -16,6 +17,9 @@ const FRAMES: f64 = 120.0;
 
 /// The error that ratios are stated for.
 const TARGET: f64 = 0.01;
+
+/// Stops at which pictures are seen.
+const EXPOSURE: f32 = 0.5;
 
 /// Camera rays a pixel.
 const RAYS: u32 = 4;
@@ -54,6 +58,8 @@ struct Shot {
     /// median of pairs.
     patches: f64,
     error: f64,
+    /// Mean FLIP, as seen at [`EXPOSURE`].
+    flip: f64,
     stats: RenderStats,
     /// Points on emitters evaluated a patch hit.
     points: u64,
@@ -70,7 +76,7 @@ impl Stage<'_> {
         &self,
         bench: &Bench,
         patches: &dyn PatchRadiance,
-        error: impl Fn(&Film) -> f64,
+        errors: impl Fn(&Film) -> [f64; 2],
         shot: Shot,
     ) -> anyhow::Result<Shot> {
         let (first, cost) = cpu_time(1, || self.picture(patches));
@@ -88,7 +94,8 @@ impl Stage<'_> {
         }
         let differences = dark.iter().zip(&lit).map(|(dark, lit)| lit - dark).collect();
         let patches = Cost::of(differences).median;
-        Ok(Shot { frame: Cost::of(lit), patches, error: error(&film), stats, ..shot })
+        let [error, flip] = errors(&film);
+        Ok(Shot { frame: Cost::of(lit), patches, error, flip, stats, ..shot })
     }
 }
 
@@ -116,11 +123,11 @@ impl View {
     }
 
     /// Error against cost of so many frames.
-    fn chart(&self, frames: f64) -> Chart {
+    fn chart(&self, frames: f64, label: &'static str, of: impl Fn(&Shot) -> f64) -> Chart {
         let point = |shot: &Shot| {
             let cost = |frame: f64| shot.bake + frames * self.scale * frame;
             let range = Some([cost(shot.frame.least), cost(shot.frame.most)]);
-            Point { x: cost(shot.frame.median), y: shot.error, range }
+            Point { x: cost(shot.frame.median), y: of(shot), range }
         };
         let series = self.kinds().map(|(name, shots)| Series {
             name: name.to_owned(),
@@ -132,10 +139,19 @@ impl View {
                 self.camera,
                 if frames > 1.0 { "s" } else { "" }
             ),
-            axes: ["CPU time, s, bake included", "relative RMS error"],
+            axes: ["CPU time, s, bake included", label],
             series: series.into(),
             ..Chart::default()
         }
+    }
+
+    fn charts(&self) -> [Chart; 3] {
+        const RMS: &str = "relative RMS error";
+        [
+            self.chart(1.0, RMS, |shot| shot.error),
+            self.chart(FRAMES, RMS, |shot| shot.error),
+            self.chart(FRAMES, "mean FLIP", |shot| shot.flip),
+        ]
     }
 
     fn rows(&self) -> Vec<Vec<Value>> {
@@ -145,6 +161,7 @@ impl View {
                 self.camera.clone().into(),
                 shot.name.clone().into(),
                 Value::Percent(shot.error),
+                Value::Number(shot.flip),
                 Value::Number(shot.bake),
                 Value::Number(shot.frame.median),
                 Value::Number(shot.frame.spread()),
@@ -194,14 +211,14 @@ pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
         views.push(view(bench, &stage, &haar, &smooth)?);
     }
     let mut text = vec![format!(
-        "The chapel, {width} × {height} pixels with {RAYS} camera rays each, punctual lights and shadows included. Error is that of the light that patches send to the eye, root of mean squares over all pixels, against a sum over 64² cells of the window, textures averaged within: most of the floor is on the picture of the camera top, a seventh of nave's is floor. Costs in the charts and below are those of a frame of 960 × 540 pixels with 16 camera rays each, in proportion to the rays; in the table, as measured. FLIP is not given: there is no well-kept implementation in plain Rust.",
+        "The chapel, {width} × {height} pixels with {RAYS} camera rays each, punctual lights and shadows included. Error is that of the light that patches send to the eye, root of mean squares over all pixels, against a sum over 64² cells of the window, textures averaged within: most of the floor is on the picture of the camera top, a seventh of nave's is floor. Costs in the charts and below are those of a frame of 960 × 540 pixels with 16 camera rays each, in proportion to the rays; in the table, as measured. FLIP is the mean over the whole picture as displayed, {EXPOSURE} stops up.",
     )];
     text.extend(views.iter().flat_map(findings));
     Ok(Section {
         id: "picture",
         title: "The finished picture",
         text,
-        charts: views.iter().flat_map(|view| [view.chart(1.0), view.chart(FRAMES)]).collect(),
+        charts: views.iter().flat_map(View::charts).collect(),
         tables: vec![Table {
             name: "picture",
             caption: "Pictures by how the patches' light was had.".to_owned(),
@@ -209,6 +226,7 @@ pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
                 "camera",
                 "picture",
                 "error",
+                "FLIP",
                 "bake, CPU s",
                 "frame, CPU s",
                 "slowest / fastest",
@@ -233,12 +251,17 @@ fn view(
 ) -> anyhow::Result<View> {
     let (truth, _) = stage.picture(&Quadrature::new(stage.scene, TRUTH)?)?;
     let (dark, dark_stats) = stage.picture(stage.dark)?;
-    let error = |film: &Film| {
+    let display = Display { exposure: EXPOSURE, tone: Tone::Neutral };
+    let seen = truth.displayed(display);
+    let errors = |film: &Film| {
         let pixels = film.pixels.iter().zip(&truth.pixels).zip(&dark.pixels);
-        relative_rms(pixels.flat_map(|((found, truth), dark)| {
+        let map = flip(&film.displayed(display), &seen, film.width, PIXELS_PER_DEGREE);
+        let flip = map.iter().map(|x| f64::from(*x)).sum::<f64>() / map.len() as f64;
+        let error = relative_rms(pixels.flat_map(|((found, truth), dark)| {
             let [found, truth] = [*found - *dark, *truth - *dark].map(|x| x.to_array());
             found.map(f64::from).into_iter().zip(truth.map(f64::from))
-        }))
+        }));
+        [error, flip]
     };
     let shot = |name: String, points: u64| Shot {
         name,
@@ -246,6 +269,7 @@ fn view(
         frame: Cost::of(vec![0.0]),
         patches: 0.0,
         error: 0.0,
+        flip: 0.0,
         stats: RenderStats::default(),
         points,
         bytes: 0,
@@ -253,7 +277,7 @@ fn view(
     let shots = |bakes: &[(String, Bake)]| -> anyhow::Result<Vec<Shot>> {
         let shots = bakes.iter().map(|(name, bake)| {
             let shot = Shot { bake: bake.seconds, bytes: bake.bytes, ..shot(name.clone(), 0) };
-            stage.shoot(bench, &bake.texture, error, shot)
+            stage.shoot(bench, &bake.texture, errors, shot)
         });
         shots.collect()
     };
@@ -264,13 +288,13 @@ fn view(
     for &count in counts {
         let points = count / RAYS;
         let shot = shot(format!("sampled, {count} points a pixel"), points.into());
-        sampled.push(stage.shoot(bench, &lighting.sampled(points, 9), error, shot)?);
+        sampled.push(stage.shoot(bench, &lighting.sampled(points, 9), errors, shot)?);
     }
     let mut summed = Vec::new();
     for level in 1..=bench.choose(4, 5) {
         let patches = Quadrature::new(stage.scene, level)?;
         let shot = shot(format!("summed over {}² cells", 1 << level), 1 << (2 * level));
-        summed.push(stage.shoot(bench, &patches, error, shot)?);
+        summed.push(stage.shoot(bench, &patches, errors, shot)?);
     }
     let RenderOptions { width, height, samples, .. } = stage.options;
     let scale = FRAME / (width * height * samples as usize) as f64;
