@@ -11,7 +11,7 @@ const MAX_LEVEL: u8 = 6;
 /// a branch's number.
 #[derive(Debug)]
 enum Tree {
-    Branches(Vec<Tree>),
+    Branches(Vec<Self>),
     /// 2^(rank · level) values.
     Values(u8, Vec<f32>),
 }
