@@ -207,7 +207,10 @@ fn the_paper_s_recursion_agrees_with_whole_blocks() {
     let geometry = TransportGeometry::new(emitter.expect("a square"), receiver);
     let cells = Emission::new(0, vec![[1.0; 3]], Lobe::Lambertian).project(2);
     let samples = BlockOptions { samples: 32 };
-    let of_cells = means(&transport_block(&geometry, &cells, Levels::isotropic(2), samples));
+    let of_cells = means(
+        &transport_block(&geometry, &cells, Levels::isotropic(2), samples)
+            .expect("straight grid lines"),
+    );
     let errors = ["trapezoid2d:5", "trapezoid2d:17", "trapezoid2d:65"].map(|rule| {
         let recursion = incident(&baked(&["--recursion", rule]));
         [&of_cells, &incident(&file)].map(|block| relative_euclidean_distance(&recursion, block))

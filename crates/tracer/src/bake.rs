@@ -148,7 +148,7 @@ pub(crate) fn bake(
     for (i, receiver) in receivers.iter().enumerate() {
         hash.receiver(receiver);
         let (incident, error) =
-            clock.time(Stage::Transport, || transport(&emitters, &receiver.polygon, options));
+            clock.time(Stage::Transport, || transport(&emitters, &receiver.polygon, options))?;
         arrived += incident.norm_squared();
         off = off.zip(error).map(|(off, error)| off + error * error);
         let outgoing = clock.time(Stage::Reflect, || {
@@ -244,19 +244,19 @@ fn transport(
     emitters: &[Emitter],
     receiver: &Polygon,
     options: &BakeOptions,
-) -> (Grid, Option<f64>) {
+) -> wrt_core::Result<(Grid, Option<f64>)> {
     let levels = options.levels;
     let mut error = Some(0.0);
     let grids: Vec<Grid> = emitters
         .iter()
-        .map(|emitter| {
+        .map(|emitter| -> wrt_core::Result<Grid> {
             let geometry = TransportGeometry::new(emitter.polygon.clone(), receiver.clone());
             match &options.transport {
                 Transport::Within(tolerance) => {
-                    let found = transport_within(&geometry, &emitter.emission, levels, *tolerance);
+                    let found = transport_within(&geometry, &emitter.emission, levels, *tolerance)?;
                     let norm = found.grid.norm_squared().sqrt();
                     error = error.map(|error| error + found.relative_error * norm);
-                    found.grid
+                    Ok(found.grid)
                 }
                 Transport::Block(block) => {
                     error = None;
@@ -267,12 +267,12 @@ fn transport(
                     let source = emitter.emission.project(levels.direction);
                     let tree = TreeBuilder::from_grid(&source).finish();
                     let recursion = RecursionOptions { integrator: method, oracle: true };
-                    transport_tree(&geometry, &tree, levels, &recursion).0.finish().to_grid()
+                    Ok(transport_tree(&geometry, &tree, levels, &recursion).0.finish().to_grid())
                 }
             }
         })
-        .collect();
-    (Grid::sum(levels, grids), error)
+        .collect::<wrt_core::Result<_>>()?;
+    Ok((Grid::sum(levels, grids), error))
 }
 
 /// Wall time by stage.

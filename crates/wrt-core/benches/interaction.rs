@@ -50,6 +50,7 @@ fn light(level: u8) -> Grid {
     let emission = Emission::new(6, picture.collect(), lobe);
     let geometry = TransportGeometry::new(window, floor);
     transport_block(&geometry, &emission, Levels::isotropic(level), BlockOptions::default())
+        .expect("straight grid lines")
 }
 
 /// Median CPU seconds.

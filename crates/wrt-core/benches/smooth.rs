@@ -85,7 +85,8 @@ impl Scene {
         let start = ProcessTime::now();
         let (source, emission) = &self.emitters[0];
         let geometry = TransportGeometry::new(source.clone(), self.tile.clone());
-        let incident = transport_block(&geometry, emission, levels, BlockOptions::default());
+        let incident = transport_block(&geometry, emission, levels, BlockOptions::default())
+            .expect("straight grid lines");
         let lobe = LobeMatrix::phong(self.phong.exponent, levels.direction, levels.direction);
         let outgoing = reflect(&incident, &self.phong, Some(&lobe));
         let tree = TreeBuilder::from_grid(&outgoing).finish();

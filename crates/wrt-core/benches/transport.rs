@@ -140,10 +140,13 @@ fn blocks(name: &str, geometry: &TransportGeometry) {
     for level in 4..=6 {
         let levels = Levels::isotropic(level);
         let within = if level > 5 { 2e-4 } else { 3e-5 };
-        let reference = transport_within(geometry, &source, levels, within);
+        let reference =
+            transport_within(geometry, &source, levels, within).expect("straight grid lines");
         println!("block {name}, level {level}: reference ± {:7.1e}", reference.relative_error);
         for tolerance in [1e-2, 3e-3, 1e-3, 3e-4].into_iter().filter(|t| *t > 4.0 * within) {
-            let run = || transport_within(geometry, &source, levels, tolerance);
+            let run = || {
+                transport_within(geometry, &source, levels, tolerance).expect("straight grid lines")
+            };
             let (found, seconds, spread, memory) = measure(run);
             let red = red(&found.grid, &reference.grid);
             println!(
@@ -169,7 +172,7 @@ fn sparse(name: &str, geometry: &TransportGeometry) {
         let clock = (Instant::now(), ProcessTime::now());
         MEMORY.reset_peak_usage();
         let before = MEMORY.current_usage();
-        let found = transport_sparse(geometry, &source, levels, 1e-2);
+        let found = transport_sparse(geometry, &source, levels, 1e-2).expect("straight grid lines");
         let (wall, cpu) = (clock.0.elapsed().as_secs_f64(), clock.1.elapsed().as_secs_f64());
         let peak = MEMORY.peak_usage().saturating_sub(before) as f64 / f64::from(1 << 20);
         println!(
@@ -196,7 +199,8 @@ fn recursion(name: &str, geometry: &TransportGeometry) {
     let run = |level: u8, rule: &str| {
         let levels = Levels::isotropic(level);
         let source = coarse_panes(level).project(level);
-        let reference = transport_within(geometry, &source, levels, 3e-4).grid;
+        let reference =
+            transport_within(geometry, &source, levels, 3e-4).expect("straight grid lines").grid;
         let rule: Method = rule.parse().expect("a method");
         let tree = TreeBuilder::from_grid(&source).finish();
         let options = RecursionOptions { integrator: &rule, oracle: true };
@@ -226,7 +230,8 @@ fn threads(name: &str, geometry: &TransportGeometry) {
         let pool = pool.expect("a thread pool");
         let run = || {
             let clock = Instant::now();
-            pool.install(|| transport_within(geometry, &source, Levels::isotropic(5), 3e-3));
+            pool.install(|| transport_within(geometry, &source, Levels::isotropic(5), 3e-3))
+                .expect("straight grid lines");
             clock.elapsed().as_secs_f64()
         };
         let mut runs: Vec<f64> = (0..5).map(|_| run()).collect();

@@ -52,6 +52,12 @@ pub enum Error {
         /// Which chart.
         chart: &'static str,
     },
+    /// A destination whose grid lines are curves, where whole blocks need straight ones.
+    #[error("a {chart} chart bends the lines of its grid, which transport by blocks cannot follow")]
+    BentGrid {
+        /// Which chart.
+        chart: &'static str,
+    },
     /// A material that reflects what no surface can.
     #[error("{what} is {found}, but must be {allowed}")]
     Reflectance {

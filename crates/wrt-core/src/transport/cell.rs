@@ -102,7 +102,12 @@ impl CellRule {
 
 /// Whether the oracle proves of all parts of the dest cell, split `depth` times,
 /// that they see nothing of the source cell.
-fn is_blind(geometry: &TransportGeometry, source: Support, dest: Support, depth: u8) -> bool {
+pub(super) fn is_blind(
+    geometry: &TransportGeometry,
+    source: Support,
+    dest: Support,
+    depth: u8,
+) -> bool {
     match oracle(&Pair::new(geometry, source, dest)) {
         Verdict::Zero => true,
         Verdict::Unknown if depth > 0 && dest.levels.depth() < Levels::MAX => {

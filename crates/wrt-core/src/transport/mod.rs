@@ -2,14 +2,15 @@
 
 mod block;
 mod cell;
+mod cover;
 mod directions;
 mod geometry;
 mod integrate;
 mod oracle;
+mod outline;
 mod pair;
 mod recursion;
 mod refine;
-mod resample;
 mod slice;
 mod sparse;
 mod stencil;

@@ -1,13 +1,14 @@
 //! What arrives from the directions of one cell: an image over positions.
 
 use super::block::Source;
+use super::cell::is_blind;
+use super::cover::Cover;
 use super::directions::Region;
-use super::oracle::{Verdict, oracle};
-use super::resample::{Footprint, Reach, Scratch, SummedImage, resample};
-use super::stencil::{Repeat, Sample, Taps};
-use super::{Pair, Support, TransportGeometry};
+use super::outline::{Outline, Plane, corners};
+use super::stencil::{Footprint, Repeat, Sample, Taps, Turned};
+use super::{Support, TransportGeometry};
 use crate::grid::Rgb;
-use crate::{ConvexPolygon, Levels};
+use crate::{Error, Levels, Result};
 use glam::{DVec2, DVec3};
 use std::f64::consts::PI;
 
@@ -16,9 +17,10 @@ pub(super) struct Slices<'a, S> {
     geometry: &'a TransportGeometry,
     source: &'a S,
     levels: Levels,
-    reach: Reach,
-    source_size: DVec2,
-    dest_size: DVec2,
+    plane: Plane,
+    /// The corners of both charts' unit squares, in their planes.
+    source_corners: [DVec2; 4],
+    dest_corners: [DVec2; 4],
     /// Cosines (μx, μy) that bound the directions to the source, low and high.
     visible: [DVec2; 2],
     pictures: Pictures,
@@ -26,16 +28,26 @@ pub(super) struct Slices<'a, S> {
 
 /// The source's pictures, prepared for how they are resampled.
 enum Pictures {
-    Summed(Vec<SummedImage>),
-    Repeating(Repeat, Vec<Vec<Rgb>>),
+    Outlines(Vec<Outline>),
+    Repeating(Repeat, Vec<Turned>),
+}
+
+/// A direction, the picture seen along it, and what that counts.
+#[derive(Clone, Copy, Debug)]
+struct Ray {
+    picture: usize,
+    mu: DVec3,
+    weight: f64,
 }
 
 /// Room that resampling reuses.
 #[derive(Debug, Default)]
 pub(super) struct Room {
-    scratch: Scratch,
-    taps: Taps,
+    rays: Vec<Ray>,
+    shadows: Vec<DVec3>,
+    cover: Cover,
     samples: Vec<Sample>,
+    taps: Taps,
 }
 
 /// Means over the positions of one direction cell.
@@ -43,26 +55,30 @@ pub(super) type Image = Vec<[f64; 3]>;
 
 impl<'a, S: Source> Slices<'a, S> {
     /// Also without `stencils`, for tests, where footprints repeat.
+    ///
+    /// # Errors
+    ///
+    /// [`Error::BentGrid`] for a bilinear chart of the destination.
     pub(super) fn new(
         geometry: &'a TransportGeometry,
         source: &'a S,
         levels: Levels,
         stencils: bool,
-    ) -> Self {
-        let size = |polygon: &crate::Polygon| match polygon.size() {
-            Some(size) => size,
-            None => panic!("block transport is for rectilinear charts"),
-        };
-        let (source_size, dest_size) = (size(geometry.source()), size(geometry.dest()));
+    ) -> Result<Self> {
+        let plane = Plane::of(geometry.dest().chart(), 1 << levels.position);
+        let plane = plane.ok_or(Error::BentGrid { chart: "bilinear" })?;
+        let unit = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
+        let around = |polygon: &crate::Polygon| unit.map(|uv| polygon.chart().to_plane(uv));
+        let (source_corners, dest_corners) = (around(geometry.source()), around(geometry.dest()));
         let mut slices = Self {
             geometry,
             source,
             levels,
-            reach: reach(geometry, dest_size, levels.position),
-            source_size,
-            dest_size,
-            visible: within(visible(geometry, source_size, dest_size), geometry, source),
-            pictures: Pictures::Summed(Vec::new()),
+            plane,
+            source_corners,
+            dest_corners,
+            visible: within(visible(geometry, source_corners, dest_corners), geometry, source),
+            pictures: Pictures::Outlines(Vec::new()),
         };
         let side = 1 << source.level();
         let repeat = slices.repeat().filter(|_| stencils);
@@ -71,14 +87,13 @@ impl<'a, S: Source> Slices<'a, S> {
             Some(repeat) => {
                 Pictures::Repeating(repeat, pictures.map(|p| repeat.picture(p, side)).collect())
             }
-            None => Pictures::Summed(pictures.map(|p| SummedImage::new(p, side)).collect()),
+            None => {
+                let corners = corners(geometry, side);
+                let outline = |p| Outline::new(&corners, p, side);
+                Pictures::Outlines(pictures.map(outline).collect())
+            }
         };
-        slices
-    }
-
-    /// The source.
-    pub(super) fn source(&self) -> &S {
-        self.source
+        Ok(slices)
     }
 
     /// Whether footprints repeat, and stencils are used.
@@ -99,34 +114,40 @@ impl<'a, S: Source> Slices<'a, S> {
     /// The image of a direction cell from points along both sides of each of its
     /// regions, so many; `None` if nothing of the source is seen.
     pub(super) fn image(&self, regions: &[(Region, [u32; 2])], room: &mut Room) -> Option<Image> {
-        room.samples.clear();
+        room.rays.clear();
         for (region, n) in regions {
-            self.sample(region, *n, &mut room.samples);
+            self.sample(region, *n, &mut room.rays);
         }
-        if room.samples.is_empty() {
+        if room.rays.is_empty() {
             return None;
         }
         let cells = 1 << self.levels.position;
-        let side = 1 << self.source.level();
-        let mut out = vec![[0.0; 3]; self.levels.positions()];
         match &self.pictures {
             Pictures::Repeating(repeat, pictures) => {
+                room.samples.clear();
+                room.samples.extend(room.rays.iter().map(|ray| Sample {
+                    picture: ray.picture,
+                    footprint: self.footprint(ray.mu),
+                    weight: ray.weight,
+                }));
                 room.samples.sort_by_key(|sample| sample.picture);
-                repeat.resample(pictures, side, &room.samples, cells, &mut room.taps, &mut out);
+                let mut out = vec![[0.0; 3]; self.levels.positions()];
+                repeat.resample(pictures, &room.samples, cells, &mut room.taps, &mut out);
+                out.iter().any(|rgb| *rgb != [0.0; 3]).then_some(out)
             }
-            Pictures::Summed(pictures) => {
-                for &Sample { picture, footprint, weight } in &room.samples {
-                    let picture = &pictures[picture];
-                    let scratch = &mut room.scratch;
-                    resample(picture, &footprint, &self.reach, cells, weight, scratch, &mut out);
+            Pictures::Outlines(outlines) => {
+                room.cover.reset(cells);
+                for &Ray { picture, mu, weight } in &room.rays {
+                    let (shadows, cover) = (&mut room.shadows, &mut room.cover);
+                    outlines[picture].shine(&self.plane, mu, weight, shadows, cover);
                 }
+                room.cover.means(self.plane.mirrored())
             }
         }
-        out.iter().any(|rgb| *rgb != [0.0; 3]).then_some(out)
     }
 
-    /// Appends the samples of a region.
-    fn sample(&self, region: &Region, n: [u32; 2], samples: &mut Vec<Sample>) {
+    /// Appends the rays of a region.
+    fn sample(&self, region: &Region, n: [u32; 2], rays: &mut Vec<Ray>) {
         let scale = (self.cosine() * self.cosine()).recip();
         for i in 0..n[0] * n[1] {
             let [(s, ws), (t, wt)] = [(i % n[0], n[0]), (i / n[0], n[1])].map(|(i, n)| point(i, n));
@@ -137,8 +158,7 @@ impl<'a, S: Source> Slices<'a, S> {
                 continue;
             }
             let Some((picture, factor)) = self.source.slice(travel) else { continue };
-            let weight = ws * wt * measure * scale * factor;
-            samples.push(Sample { picture, footprint: self.footprint(mu), weight });
+            rays.push(Ray { picture, mu, weight: ws * wt * measure * scale * factor });
         }
     }
 
@@ -147,7 +167,8 @@ impl<'a, S: Source> Slices<'a, S> {
     pub(super) fn travel(&self, region: &Region) -> [f64; 2] {
         let [x, y, n] = self.geometry.source_axes();
         let pixels = f64::from(1_u32 << self.source.level());
-        let scale = DVec2::splat(pixels) / self.source_size;
+        let (source_size, dest_size) = (size(self.source_corners), size(self.dest_corners));
+        let scale = DVec2::splat(pixels) / source_size;
         // A point at height h over the source's plane is projected h × this away.
         let slope = |s: f64, t: f64| {
             let (mu, _) = region.at(s.clamp(1e-6, 1.0 - 1e-6), t.clamp(1e-6, 1.0 - 1e-6))?;
@@ -155,15 +176,15 @@ impl<'a, S: Source> Slices<'a, S> {
             (rate < -1e-6).then(|| DVec2::new(x.dot(mu), y.dot(mu)) / rate)
         };
         let offset = self.geometry.source_to_dest(DVec2::ZERO);
-        let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
-        let height = corners
-            .map(|(u, v)| n.dot((DVec2::new(u, v) * self.dest_size).extend(0.0) - offset))
+        let height = self
+            .dest_corners
+            .map(|corner| n.dot(corner.extend(0.0) - offset))
             .into_iter()
             .fold(0.0, f64::max);
         // Only what is seen counts: it moved by no more than across both polygons.
-        let across = self.source_size.length() + self.dest_size.length() + offset.length();
+        let across = source_size.length() + dest_size.length() + offset.length();
         let cell = pixels / f64::from(1_u32 << self.levels.position)
-            * (self.dest_size / self.source_size).max_element();
+            * (dest_size / source_size).max_element();
         let distance = |a: Option<DVec2>, b: Option<DVec2>| {
             let (Some(a), Some(b)) = (a, b) else { return f64::INFINITY };
             let seen = height.min(across / a.length().min(b.length()).max(1e-12));
@@ -179,14 +200,16 @@ impl<'a, S: Source> Slices<'a, S> {
         [middle(0), middle(1)]
     }
 
-    /// Whether the oracle proves that a direction cell (κ fastest) sees nothing.
-    pub(super) fn is_blind(&self, direction: usize) -> bool {
+    /// Whether the oracle proves that a direction cell (κ fastest) sees nothing, or
+    /// that no part of it does.
+    pub(super) fn sees_nothing(&self, direction: usize) -> bool {
+        // Deep enough for what lies a few cells beside a source.
+        const DEPTH: u8 = 2;
         let level = self.levels.direction;
         let (k, l) = (direction & ((1 << level) - 1), direction >> level);
         let levels = Levels { position: 0, direction: level };
         let dest = Support { levels, m: [0, 0, k as u16, l as u16] };
-        let source = Support::isotropic(0, [0; 4]);
-        oracle(&Pair::new(self.geometry, source, dest)) == Verdict::Zero
+        is_blind(self.geometry, Support::isotropic(0, [0; 4]), dest, DEPTH)
     }
 
     /// √ of the sum of squares over the positions and channels of an image that has
@@ -198,6 +221,14 @@ impl<'a, S: Source> Slices<'a, S> {
         (most * self.levels.positions() as f64).sqrt()
     }
 
+    /// Whether the whole destination is in front of the source's plane, up to rounding.
+    fn is_in_front(&self) -> bool {
+        let [_, _, n] = self.geometry.source_axes();
+        let offset = self.geometry.source_to_dest(DVec2::ZERO);
+        let least = -1e-12 * (size(self.dest_corners).length() + offset.length());
+        self.dest_corners.iter().all(|corner| n.dot(corner.extend(0.0) - offset) >= least)
+    }
+
     /// Side of a direction cell in cosines.
     fn cosine(&self) -> f64 {
         2.0 / f64::from(1_u32 << self.levels.direction)
@@ -205,7 +236,9 @@ impl<'a, S: Source> Slices<'a, S> {
 
     /// The axis along which footprints repeat, if they do.
     fn repeat(&self) -> Option<Repeat> {
-        if matches!(self.reach, Reach::Parts(_)) {
+        let [source, dest] = [self.geometry.source(), self.geometry.dest()];
+        // The source's plane must not cut through the destination.
+        if source.size().is_none() || dest.size().is_none() || !self.is_in_front() {
             return None;
         }
         let [_, _, n] = self.geometry.source_axes();
@@ -215,22 +248,28 @@ impl<'a, S: Source> Slices<'a, S> {
         Repeat::of(&one, &other, 1 << self.levels.position)
     }
 
-    /// Destination (u, v) → source pixels along `mu`.
+    /// Destination (u, v) → source texels along `mu`, between rectilinear charts.
     fn footprint(&self, mu: DVec3) -> Footprint {
         let [x, y, n] = self.geometry.source_axes();
         let offset = self.geometry.source_to_dest(DVec2::ZERO);
         let pixels = f64::from(1_u32 << self.source.level());
+        let (source_size, dest_size) = (self.source_corners[2], self.dest_corners[2]);
         // The component in the source's plane of a vector moved along μ onto it.
         let slide = |v: DVec3| {
             let on = v - mu * (n.dot(v) / n.dot(mu));
-            DVec2::new(x.dot(on), y.dot(on)) / self.source_size * pixels
+            DVec2::new(x.dot(on), y.dot(on)) / source_size * pixels
         };
         Footprint {
             origin: slide(-offset),
-            du: slide(DVec3::X * self.dest_size.x),
-            dv: slide(DVec3::Y * self.dest_size.y),
+            du: slide(DVec3::X * dest_size.x),
+            dv: slide(DVec3::Y * dest_size.y),
         }
     }
+}
+
+/// Mean lengths of a chart's sides along u and along v.
+fn size([a, b, c, d]: [DVec2; 4]) -> DVec2 {
+    0.5 * DVec2::new(a.distance(b) + d.distance(c), a.distance(d) + b.distance(c))
 }
 
 /// Node and weight `i` of the midpoint rule with `n` points on [0, 1], corrected at
@@ -244,28 +283,6 @@ fn point(i: u32, n: u32) -> (f64, f64) {
     let at = |i: u32| CORRECTION.get(i as usize).copied().unwrap_or(0.0);
     let correction = if n < 3 { 0.0 } else { at(i) + at(n - 1 - i) };
     ((f64::from(i) + 0.5) * h, (1.0 + correction) * h)
-}
-
-/// The parts of the destination's cells in front of the source's plane.
-fn reach(geometry: &TransportGeometry, size: DVec2, level: u8) -> Reach {
-    let [_, _, n] = geometry.source_axes();
-    let offset = geometry.source_to_dest(DVec2::ZERO);
-    let front = |uv: DVec2| n.dot((uv * size).extend(0.0) - offset);
-    let unit = [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y];
-    // A shared edge lies on the plane up to rounding.
-    let rounding = 1e-12 * (size.length() + offset.length());
-    if unit.iter().all(|&c| front(c) >= -rounding) {
-        return Reach::All;
-    }
-    let side = 1_usize << level;
-    let part = |i: usize| {
-        let at = DVec2::new((i % side) as f64, (i / side) as f64);
-        let corners = unit.map(|c| (at + c) / side as f64);
-        let part = ConvexPolygon::new(&corners).clipped(front);
-        let whole = part.vertices() == corners;
-        (!whole).then(|| part.vertices().to_vec())
-    };
-    Reach::Parts((0..side * side).map(part).collect())
 }
 
 /// Those of the bounds `visible` on μx and μy that the source's cone of light meets.
@@ -284,11 +301,11 @@ fn within(visible: [DVec2; 2], geometry: &TransportGeometry, source: &impl Sourc
 ///
 /// With d = source point − destination point in a box, μx = dx / |d| is bounded
 /// by the extreme dx over the least (for large |μx|) or greatest rest √(dy²+dz²).
-fn visible(geometry: &TransportGeometry, source: DVec2, dest: DVec2) -> [DVec2; 2] {
+fn visible(geometry: &TransportGeometry, source: [DVec2; 4], dest: [DVec2; 4]) -> [DVec2; 2] {
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    for s in [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y] {
-        for d in [DVec2::ZERO, DVec2::X, DVec2::ONE, DVec2::Y] {
-            let between = geometry.source_to_dest(s * source) - (d * dest).extend(0.0);
+    for s in source {
+        for d in dest {
+            let between = geometry.source_to_dest(s) - d.extend(0.0);
             (low, high) = (low.min(between), high.max(between));
         }
     }

@@ -3,10 +3,10 @@
 
 use super::TransportGeometry;
 use super::block::Source;
-use super::refine::Settling;
+use super::refine::{Order, Settling};
 use super::slice::{Room, Slices};
 use crate::grid::Rgb;
-use crate::{CHILDREN, Cell, Levels, Tree, children, pull};
+use crate::{CHILDREN, Cell, Levels, Result, Tree, children, pull};
 use rayon::prelude::*;
 
 /// A tree of the radiance that arrives, and how far it is off.
@@ -28,23 +28,24 @@ pub struct Sparse {
 /// is let go everywhere, so that equal tolerances keep a few more coefficients than
 /// [`Tree::compressed`], which sees all at once.
 ///
-/// # Panics
+/// # Errors
 ///
 /// As [`transport_block`](super::transport_block).
-#[must_use]
 pub fn transport_sparse(
     geometry: &TransportGeometry,
     source: &impl Source,
     levels: Levels,
     tolerance: f64,
-) -> Sparse {
-    let slices = Slices::new(geometry, source, levels, true);
+) -> Result<Sparse> {
+    let slices = Slices::new(geometry, source, levels, true)?;
+    let (order, usual) = probe(&slices, levels);
     let forest = Forest {
         slices: &slices,
         levels,
         quadrature: 0.4 * tolerance,
         letting_go: 0.6 * tolerance,
-        usual: usual_energy(&slices, levels),
+        order,
+        usual,
     };
     // Blocks of 8 × 8 direction cells.
     let top = levels.direction.saturating_sub(3);
@@ -56,22 +57,22 @@ pub fn transport_sparse(
             forest.block(top, m, room)
         })
         .collect();
-    forest.tree(top, blocks)
+    Ok(forest.tree(top, blocks))
 }
 
-/// Mean energy of an image over all direction cells, from some of them.
-fn usual_energy(slices: &Slices<'_, impl Source>, levels: Levels) -> f64 {
+/// The order of the rules, and the mean energy of an image over all direction cells,
+/// from some of them.
+fn probe(slices: &Slices<'_, impl Source>, levels: Levels) -> (Order, f64) {
     const MOST: usize = 256;
     // An odd stride meets all rows and columns.
     let stride = (levels.directions() / MOST) | 1;
-    let probed: Vec<f64> = (0..levels.directions())
+    let mut probed: Vec<Option<Settling>> = (0..levels.directions())
         .into_par_iter()
         .step_by(stride)
-        .map_init(Room::default, |room, d| {
-            Settling::begin(slices, d, room).map_or(0.0, |cell| cell.energy)
-        })
+        .map_init(Room::default, |room, d| Settling::begin(slices, d, room))
         .collect();
-    probed.iter().sum::<f64>() / probed.len() as f64
+    let energy: f64 = probed.iter().flatten().map(|cell| cell.energy).sum();
+    (Order::measured(&mut probed, slices), energy / probed.len() as f64)
 }
 
 struct Forest<'a, 'b, S> {
@@ -80,6 +81,7 @@ struct Forest<'a, 'b, S> {
     /// Relative errors allowed.
     quadrature: f64,
     letting_go: f64,
+    order: Order,
     /// Mean energy of an image.
     usual: f64,
 }
@@ -151,8 +153,8 @@ impl<S: Source> Forest<'_, '_, S> {
             let direction = usize::from(m[1]) << self.levels.direction | usize::from(m[0]);
             let mut cell = Settling::begin(self.slices, direction, room)?;
             let target = self.quadrature * (0.5 * (cell.energy + self.usual)).sqrt();
-            cell.settle(self.slices, target, room);
-            branch.error += cell.error * cell.error;
+            cell.settle(self.slices, target, self.order, room);
+            branch.error += cell.error(self.order).powi(2);
             branch.energy += cell.energy;
             let scale = self.levels.scale(depth).recip();
             let mut image = cell.image?;
@@ -450,12 +452,15 @@ mod tests {
     fn a_sparse_tree_is_the_dense_one_within_its_error() {
         for (position, direction) in [(3, 3), (2, 4), (4, 2), (0, 4), (3, 0), (0, 0)] {
             let levels = Levels { position, direction };
-            let dense = transport_within(&geometry(), &window(), levels, 1e-4).grid;
+            let dense = transport_within(&geometry(), &window(), levels, 1e-4)
+                .expect("straight grid lines")
+                .grid;
             let dense = TreeBuilder::from_grid(&dense).finish();
             let norm = dense.norm_squared().sqrt();
             let mut sizes = Vec::new();
             for tolerance in [1e-3, 3e-2] {
-                let sparse = transport_sparse(&geometry(), &window(), levels, tolerance);
+                let sparse = transport_sparse(&geometry(), &window(), levels, tolerance)
+                    .expect("straight grid lines");
                 let error = distance(&sparse.tree, &dense) / norm;
                 assert!(
                     error <= sparse.relative_error + 1e-4 && sparse.relative_error <= tolerance,
@@ -478,8 +483,11 @@ mod tests {
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
             let levels = Levels { position: 2, direction: 4 };
-            pool.expect("a thread pool")
-                .install(|| transport_sparse(&geometry(), &window(), levels, 1e-2).tree)
+            pool.expect("a thread pool").install(|| {
+                transport_sparse(&geometry(), &window(), levels, 1e-2)
+                    .expect("straight grid lines")
+                    .tree
+            })
         };
         assert_eq!(run(1), run(3));
     }
@@ -487,7 +495,8 @@ mod tests {
     #[test]
     fn no_light_makes_no_tree() {
         let dark = Emission::new(0, vec![[0.0; 3]], Lobe::Lambertian);
-        let sparse = transport_sparse(&geometry(), &dark, Levels::isotropic(3), 1e-3);
+        let sparse = transport_sparse(&geometry(), &dark, Levels::isotropic(3), 1e-3)
+            .expect("straight grid lines");
         assert!(sparse.tree.is_empty() && sparse.relative_error == 0.0, "{sparse:?}");
     }
 }

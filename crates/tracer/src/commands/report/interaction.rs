@@ -34,7 +34,7 @@ pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
         let (mut linear, mut boxes) = (Vec::new(), Vec::new());
         for direction in 3..=bench.choose(5, 6) {
             let levels = Levels { position: 0, direction };
-            let incident = transport_block(&geometry, &emission, levels, BlockOptions::default());
+            let incident = transport_block(&geometry, &emission, levels, BlockOptions::default())?;
             let ((lobe, _), matrix_cost) = cpu_time(1, || {
                 let lobe = LobeMatrix::phong(n, direction, direction);
                 // Columns are made when they are first needed.

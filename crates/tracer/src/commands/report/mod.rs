@@ -123,7 +123,7 @@ impl GlossyTile {
         let tiles = receivers(&scene, &mut Vec::new())?;
         let tile = tiles.iter().find(|t| t.phong.is_glossy()).context("a glossy receiver")?;
         let geometry = TransportGeometry::new(polygon, tile.polygon.clone());
-        let incident = transport_block(&geometry, &emission, levels, BlockOptions::default());
+        let incident = transport_block(&geometry, &emission, levels, BlockOptions::default())?;
         let lobe = LobeMatrix::phong(tile.phong.exponent, level, level);
         let outgoing = reflect(&incident, &tile.phong, Some(&lobe));
         Ok(Self { incident, outgoing })

@@ -41,8 +41,10 @@ pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
     for level in 3..=bench.choose(4, 6) {
         let (geometry, emission) = window(level)?;
         let levels = Levels::isotropic(level);
-        let with =
-            |samples| transport_block(&geometry, &emission, levels, BlockOptions { samples });
+        let with = |samples| {
+            transport_block(&geometry, &emission, levels, BlockOptions { samples })
+                .expect("straight grid lines")
+        };
         let finest = bench.choose(32, if level < 6 { 64 } else { 32 });
         let reference = with(finest);
         let mut points = Vec::new();
@@ -72,6 +74,7 @@ pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
         {
             let (found, cost) = cpu_time(bench.runs(), || {
                 transport_within(&geometry, &emission, levels, tolerance)
+                    .expect("straight grid lines")
             });
             let red = error(&found.grid, &reference);
             rows.push(vec![
@@ -101,7 +104,7 @@ pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
         // Both lose the source's own directions to cells of this level; the
         // reference must lose them too.
         let cells = emission.project(level);
-        let reference = transport_block(&geometry, &cells, levels, BlockOptions { samples: 64 });
+        let reference = transport_block(&geometry, &cells, levels, BlockOptions { samples: 64 })?;
         let red = error(&tree.finish().to_grid(), &reference);
         measured.push((cost.median, counts.integrated as f64));
         points.push(Point { x: cost.median, y: red, range: None });
