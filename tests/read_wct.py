@@ -2,6 +2,10 @@
 
     read_wct.py FILE PATCH < points
 
+It reads raw sections. A coded tree (`region-haar`) needs the models of its arithmetic
+coder, bit for bit, which are some 600 lines of crates/wrt-core/src/tree/codec: `tracer
+convert FILE --raw -o OTHER` makes of it a file to be read here.
+
 Each input line is "u v kappa lambda"; each output line the radiance there, "r g b".
 """
 

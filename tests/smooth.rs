@@ -3,6 +3,7 @@
 use crate::render::{Probes, chapel_by_window_light};
 use crate::support::chapel::Chapel;
 use crate::support::{Folder, fail, scene, succeed};
+use crate::wct_file::golden;
 use glam::{DVec2, DVec3};
 use std::f64::consts::PI;
 use std::fs;
@@ -40,6 +41,18 @@ fn a_smooth_file_comes_back_as_it_was() {
     let back = WctFile::from_bytes(&bytes).expect("its own bytes");
     assert_eq!(back, file);
     assert_eq!(back.to_bytes(), bytes);
+}
+
+/// Guards files already written: what reads them must keep doing so.
+#[test]
+fn the_smooth_format_has_not_changed() {
+    let (path, bytes) = (golden("tiny_smooth.wct"), tiny().to_bytes());
+    if std::env::var_os("UPDATE_GOLDEN").is_some() {
+        fs::write(&path, &bytes).expect("a writable tests/golden");
+    }
+    let golden = fs::read(&path).expect("UPDATE_GOLDEN=1 writes it");
+    assert!(bytes == golden, "the bytes differ from {}", path.display());
+    assert_eq!(WctFile::from_bytes(&golden).expect("a file of version 1"), tiny());
 }
 
 #[test]

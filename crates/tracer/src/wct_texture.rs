@@ -4,6 +4,7 @@ use crate::scene::{Scene, surfaces};
 use crate::whitted::{PatchRadiance, Sample};
 use anyhow::bail;
 use glam::{DVec2, DVec3, Vec3};
+use rayon::prelude::*;
 use wrt_core::legendre::LegendreSampler;
 use wrt_core::wct_file::Side;
 use wrt_core::{Frame, Nusselt, Patch, Sampler, SmoothPatch};
@@ -26,7 +27,7 @@ struct Bound {
 /// Radiance in either basis.
 #[derive(Debug)]
 enum LookUp {
-    Haar(Sampler),
+    Haar(Box<Sampler>),
     Smooth(LegendreSampler),
 }
 
@@ -46,8 +47,11 @@ impl WctTexture {
             patches: Vec::new(),
             triangles: scene.meshes.iter().map(|mesh| vec![None; mesh.triangles.len()]).collect(),
         };
-        let haar = patches.iter().filter(|patch| patch.side == Side::Outgoing);
-        let haar = haar.map(|p| (&p.name, &p.polygon, LookUp::Haar(Sampler::new(&p.tree))));
+        let haar: Vec<&Patch> =
+            patches.iter().filter(|patch| patch.side == Side::Outgoing).collect();
+        let samplers: Vec<Sampler> = haar.par_iter().map(|p| Sampler::new(&p.tree)).collect();
+        let haar = haar.into_iter().zip(samplers);
+        let haar = haar.map(|(p, sampler)| (&p.name, &p.polygon, LookUp::Haar(Box::new(sampler))));
         let smooth = smooth
             .iter()
             .map(|p| (&p.name, &p.polygon, LookUp::Smooth(LegendreSampler::new(&p.tree))));

@@ -1,12 +1,17 @@
-//! Time per look-up of a radiance: sampler, tree, hashed nodes and dense array.
+//! Time per look-up of a radiance: sampler, hashed nodes and dense array.
 //!
-//! The paper hashes nodes (§7.2.2.3) and sums along a path; `hash` is that.
+//! ```text
+//! cargo bench -p wrt-core --bench eval
+//! ```
+//!
+//! Nanoseconds, and in brackets what they are of the dense array's own box, by order of
+//! the points and the share of coefficients removed: the least of many rounds, in each
+//! of which every look-up has its turn, so that whatever else the machine does hits all
+//! of them. The paper hashes nodes (§7.2.2.3) and sums along a path; `hash` is that.
 
-#![allow(missing_docs, reason = "criterion's macros write undocumented functions")]
-
-use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use std::collections::HashMap;
 use std::hint::black_box;
+use std::time::Instant;
 use wrt_core::grid::{Grid, udc_fractions};
 use wrt_core::{CHILDREN, Cell, Keep, Levels, Sampler, Tree, TreeBuilder, children};
 
@@ -14,6 +19,8 @@ use wrt_core::{CHILDREN, Cell, Keep, Levels, Sampler, Tree, TreeBuilder, childre
 const LEVEL: u8 = 5;
 
 const LOOKUPS: usize = 4096;
+
+const ROUNDS: usize = 60;
 
 /// A stained-glass window's light on a floor: panes that shift with direction,
 /// under a cos⁴ lobe about a slanted axis.
@@ -143,48 +150,50 @@ impl Array {
     }
 }
 
-type LookUp<'a> = &'a dyn Fn([f64; 4]);
-
-fn look_up<T>(value: impl Fn() -> T) {
-    black_box(value());
+/// Seconds of one round of look-ups.
+fn timed<T>(points: &[[f64; 4]], look_up: impl Fn([f64; 4]) -> T) -> f64 {
+    let start = Instant::now();
+    for q in points {
+        black_box(look_up(*black_box(q)));
+    }
+    start.elapsed().as_secs_f64()
 }
 
-fn eval(c: &mut Criterion) {
+fn main() {
     let tree = window();
     let full = CHILDREN.pow(LEVEL.into());
+    let array = Array::new(&tree);
+    let names = ["array box", "array linear", "box", "multilinear", "hash"];
+    print!("{:<9} {:>7} {:>9}", "points", "removed", "in memory");
+    names.iter().for_each(|name| print!(" {name:>13}"));
+    println!();
     for (order, points) in points() {
-        let mut group = c.benchmark_group(format!("eval/{order}"));
-        group.throughput(Throughput::Elements(LOOKUPS as u64));
-        let array = Array::new(&tree);
-        group.bench_function("array box", |bench| {
-            bench.iter(|| points.iter().for_each(|&q| look_up(|| array.box_value(q))));
-        });
-        group.bench_function("array multilinear", |bench| {
-            bench.iter(|| points.iter().for_each(|&q| look_up(|| array.multilinear(q))));
-        });
-        for removed in [0, 90, 95, 99] {
+        for removed in [0.0, 90.0, 95.0, 99.0, 99.5] {
             let tree = match removed {
-                0 => tree.clone(),
-                percent => tree.compressed(Keep::Count(full * (100 - percent) / 100)).0,
+                0.0 => tree.clone(),
+                percent => {
+                    let kept = (full as f64 * (1.0 - percent / 100.0)) as usize;
+                    tree.compressed(Keep::Count(kept)).0
+                }
             };
             let (sampler, hashed) = (Sampler::new(&tree), Hashed::new(&tree));
-            let look_ups: [(&str, LookUp<'_>); 4] = [
-                ("box", &|q| look_up(|| sampler.box_value(q))),
-                ("multilinear", &|q| look_up(|| sampler.multilinear(q))),
-                ("tree", &|q| look_up(|| tree.eval(q))),
-                ("hash", &|q| look_up(|| hashed.eval(q))),
-            ];
-            let percent = 100.0 - 100.0 * tree.len() as f64 / full as f64;
-            for (name, look_up) in look_ups {
-                let id = BenchmarkId::new(name, format!("{percent:.0}% removed"));
-                group.bench_function(id, |bench| {
-                    bench.iter(|| points.iter().for_each(|&q| look_up(q)));
-                });
+            let mut least = [f64::INFINITY; 5];
+            for _ in 0..ROUNDS {
+                let round = [
+                    timed(&points, |q| array.box_value(q)),
+                    timed(&points, |q| array.multilinear(q)),
+                    timed(&points, |q| sampler.box_value(q)),
+                    timed(&points, |q| sampler.multilinear(q)),
+                    timed(&points, |q| hashed.eval(q)),
+                ];
+                least = std::array::from_fn(|i| least[i].min(round[i]));
             }
+            let percent = 100.0 - 100.0 * tree.len() as f64 / full as f64;
+            print!("{order:<9} {percent:>5.1} % {:>6} kB", sampler.bytes() / 1000);
+            for time in least {
+                print!(" {:>6.1} ({:>4.1})", 1e9 * time / LOOKUPS as f64, time / least[0]);
+            }
+            println!();
         }
-        group.finish();
     }
 }
-
-criterion_group!(benches, eval);
-criterion_main!(benches);

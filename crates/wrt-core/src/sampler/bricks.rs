@@ -2,13 +2,15 @@
 //!
 //! A table has an entry for each of the coarsest blocks; an entry names a brick,
 //! 256 indices of a byte, and where the values start that they count from. Constant
-//! blocks share one brick of zeros, so that a look-up has no branch: entry, index,
+//! blocks share bricks of zeros, so that a look-up has no branch: entry, index,
 //! value. Where a table of all bricks would be large, indices of coarser bricks
 //! lead to entries of finer ones instead.
 
 use super::leaves::Leaves;
+use super::rim::Rim;
 use crate::Levels;
 use crate::grid::Rgb;
+use glam::Vec4;
 use std::collections::HashMap;
 
 /// Levels that a brick takes of each dimension.
@@ -18,7 +20,17 @@ const CELLS: usize = 1 << (4 * BITS);
 /// The table has at most 2^`TABLE_BITS` entries of 8 bytes.
 const TABLE_BITS: u32 = 18;
 
-#[derive(Clone, Copy, Debug)]
+/// Cells of a brick by the index of its value.
+type Brick = [u8; CELLS];
+
+/// The brick of zeros for constant blocks whose neighbours upwards have the same
+/// value: all that a multilinear look-up reads from there on.
+const FLAT: u32 = 0;
+
+/// The brick of zeros for other constant blocks.
+const CONSTANT: u32 = 1;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Entry {
     brick: u32,
     base: u32,
@@ -28,98 +40,232 @@ struct Entry {
 #[derive(Clone, Debug)]
 struct Stage {
     entries: Vec<Entry>,
-    /// The first is all zeros.
-    bricks: Vec<[u8; CELLS]>,
+    /// The first two are all zeros.
+    bricks: Vec<Brick>,
 }
 
-/// Red, green, blue and 0: one load of 16 bytes.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[repr(C, align(16))]
-pub(super) struct Texel(pub(super) [f32; 4]);
+/// A place along one dimension, or several.
+#[derive(Clone, Copy, Debug)]
+struct Axis {
+    /// What it adds to the table's index.
+    table: u32,
+    /// What it adds to the cell of a finest brick.
+    cell: u32,
+}
 
 /// The layout.
+///
+/// A value is red, green, blue and 1. Where there is one stage, as there nearly always
+/// is, the UDC's rim is in the values already: a direction cell of which the part f
+/// lies inside has its mean divided by f, and a cell without a say is all zeros. So the
+/// fourth component of a sum over cells is the weight of those that count.
 #[derive(Clone, Debug)]
 pub(super) struct Bricks {
-    /// From the table on, at least one.
-    stages: Vec<Stage>,
-    values: Vec<Texel>,
+    /// From the table on: none where the table is that of the finest.
+    coarser: Vec<Stage>,
+    finest: Stage,
+    values: Vec<Vec4>,
     /// Levels that the stages take of each dimension.
     shift: u32,
     /// By dimension: bits of the table's index below its own.
     strides: [u32; 4],
+    /// By dimension and offset, where there is one stage; the last stands there twice.
+    axes: [Vec<Axis>; 4],
 }
 
 impl Bricks {
     /// # Panics
     ///
     /// If there are 2³² values, of 64 GiB together.
-    pub(super) fn new(leaves: &Leaves) -> Self {
+    pub(super) fn new(leaves: &Leaves, rim: &Rim) -> Self {
         let levels = leaves.levels();
         let mut count = 1;
         while table_bits(levels, count) > TABLE_BITS {
             count += 1;
         }
-        let stage = Stage { entries: Vec::new(), bricks: vec![[0; CELLS]] };
+        let stage = Stage { entries: Vec::new(), bricks: vec![[0; CELLS]; 2] };
         let shift = BITS * count;
         let bits = |level: u8| u32::from(level).saturating_sub(shift);
-        let (p, k) = (bits(levels.position), bits(levels.direction));
-        let mut bricks = Self {
-            stages: vec![stage; count as usize],
-            values: Vec::new(),
-            shift,
-            strides: [0, p, 2 * p, 2 * p + k],
+        let (p, d) = (bits(levels.position), bits(levels.direction));
+        let mut builder = Builder {
+            leaves,
+            rim: (count == 1).then_some(rim),
+            bricks: Self {
+                coarser: vec![stage.clone(); count as usize - 1],
+                finest: stage,
+                values: Vec::new(),
+                shift,
+                strides: [0, p, 2 * p, 2 * p + d],
+                axes: Default::default(),
+            },
+            constants: vec![HashMap::new(); count as usize],
+            patterns: HashMap::new(),
+            few: HashMap::new(),
         };
-        let side = |level: u8| 1_u32 << u32::from(level).saturating_sub(shift);
-        let (p, d) = (side(levels.position), side(levels.direction));
-        let mut constants = vec![HashMap::new(); count as usize];
-        for l in 0..d {
-            for k in 0..d {
-                for v in 0..p {
-                    for u in 0..p {
-                        let entry = bricks.entry(
-                            leaves,
-                            0,
-                            [u, v, k, l].map(|m| m << shift),
-                            &mut constants,
-                        );
-                        bricks.stages[0].entries.push(entry);
-                    }
-                }
-            }
+        for at in 0..1_u32 << (2 * p + 2 * d) {
+            let part = |bits: u32, below: u32| (at >> below & ((1 << bits) - 1)) << shift;
+            let m = [part(p, 0), part(p, p), part(d, 2 * p), part(d, 2 * p + d)];
+            let entry = builder.entry(0, m);
+            builder.bricks.stage(0).entries.push(entry);
+        }
+        let mut bricks = builder.bricks;
+        if count == 1 {
+            bricks.mark_flat([p, p, d, d]);
+            bricks.axes = std::array::from_fn(|d| {
+                let end = 1 << leaves.level(d);
+                (0..=end).map(|m| bricks.axis(d, m.min(end - 1))).collect()
+            });
         }
         bricks
     }
 
+    fn stage(&mut self, stage: usize) -> &mut Stage {
+        self.coarser.get_mut(stage).unwrap_or(&mut self.finest)
+    }
+
+    /// Whether the rim has been seen to: see the type.
+    #[inline]
+    pub(super) fn knows_the_rim(&self) -> bool {
+        self.coarser.is_empty()
+    }
+
     pub(super) fn bytes(&self) -> usize {
         let stage = |s: &Stage| size_of_val(&s.entries[..]) + size_of_val(&s.bricks[..]);
-        self.stages.iter().map(stage).sum::<usize>() + size_of_val(&self.values[..])
+        let coarser: usize = self.coarser.iter().map(stage).sum();
+        let axes: usize = self.axes.iter().map(|axis| size_of_val(&axis[..])).sum();
+        coarser + stage(&self.finest) + size_of_val(&self.values[..]) + axes
     }
 
-    /// How many levels the stages from `stage` on take of each dimension.
-    fn below(&self, stage: usize) -> u32 {
-        BITS * (self.stages.len() - stage) as u32
+    /// Finds which constant blocks are [`FLAT`], of a table with 2^`bits` blocks along
+    /// each dimension.
+    fn mark_flat(&mut self, bits: [u32; 4]) {
+        let entries = &mut self.finest.entries;
+        let values = &self.values;
+        let mut flat: Vec<bool> = entries.iter().map(|entry| entry.brick == CONSTANT).collect();
+        // One dimension after the other: after the last all sixteen have been compared.
+        for (d, bits) in bits.into_iter().enumerate() {
+            let stride = 1 << self.strides[d];
+            for at in 0..entries.len() {
+                let is_last = (at >> self.strides[d] & ((1 << bits) - 1)) + 1 == 1 << bits;
+                let next = if is_last { at } else { at + stride };
+                flat[at] &= flat[next]
+                    && values[entries[at].base as usize] == values[entries[next].base as usize];
+            }
+        }
+        for (entry, _) in entries.iter_mut().zip(flat).filter(|(_, flat)| *flat) {
+            entry.brick = FLAT;
+        }
     }
 
-    /// The entry of `stage` for the block that starts at **m**; `constants` has, by
-    /// stage and leaf, those that have been needed.
-    fn entry(
-        &mut self,
-        leaves: &Leaves,
-        stage: usize,
-        m: [u32; 4],
-        constants: &mut [HashMap<u32, Entry>],
-    ) -> Entry {
-        let below = self.below(stage);
+    /// The value of the finest cell **m**.
+    #[inline]
+    pub(super) fn at(&self, m: [u32; 4]) -> Vec4 {
+        if !self.coarser.is_empty() {
+            return self.at_deep(m);
+        }
+        let axis = |d: usize| self.axes[d][m[d] as usize];
+        let (u, v, k, l) = (axis(0), axis(1), axis(2), axis(3));
+        let entry = self.finest.entries[(u.table + v.table + k.table + l.table) as usize];
+        self.value(entry, u.cell | v.cell | k.cell | l.cell)
+    }
+
+    #[cold]
+    fn at_deep(&self, m: [u32; 4]) -> Vec4 {
+        let cell = (0..4).fold(0, |cell, d| cell | self.axis(d, m[d]).cell);
+        self.value(self.finest.entries[self.descend(m) as usize], cell)
+    }
+
+    /// The sum over the cells at `lows` and the next ones in each dimension, with weights
+    /// of (u, v) and of (κ, λ), u and κ fastest; those of either add up to 1. Only
+    /// where there is one stage.
+    pub(super) fn blend(&self, lows: [u32; 4], uv: [f32; 4], kl: [f32; 4]) -> Vec4 {
+        let axes = |d: usize| [0, 1].map(|i| self.axes[d][lows[d] as usize + i]);
+        let (uvs, kls) = (pairs(axes(0), axes(1)), pairs(axes(2), axes(3)));
+        let first = self.finest.entries[(uvs[0].table + kls[0].table) as usize];
+        if first.brick == FLAT {
+            return self.values[first.base as usize];
+        }
+        let entry = |uv: Axis, kl: Axis| self.finest.entries[(uv.table + kl.table) as usize];
+        let is_one_block = uvs[0].table == uvs[3].table;
+        let mut sum = Vec4::ZERO;
+        for (kl, weight) in kls.into_iter().zip(kl) {
+            let entries =
+                if is_one_block { [entry(uvs[0], kl); 4] } else { uvs.map(|uv| entry(uv, kl)) };
+            let value = |i: usize| uv[i] * self.value(entries[i], uvs[i].cell | kl.cell);
+            sum += weight * ((value(0) + value(1)) + (value(2) + value(3)));
+        }
+        sum
+    }
+
+    #[inline]
+    fn value(&self, entry: Entry, cell: u32) -> Vec4 {
+        let index = self.finest.bricks[entry.brick as usize][cell as usize % CELLS];
+        self.values[entry.base as usize + usize::from(index)]
+    }
+
+    /// Where offset `m` along dimension `d` is.
+    fn axis(&self, d: usize, m: u32) -> Axis {
+        let cell = (m & ((1 << BITS) - 1)) << (BITS * d as u32);
+        Axis { table: (m >> self.shift) << self.strides[d], cell }
+    }
+
+    /// The finest entry that stages of bricks lead to.
+    #[cold]
+    fn descend(&self, m: [u32; 4]) -> u32 {
+        let mut at = (0..4).map(|d| self.axis(d, m[d]).table).sum::<u32>();
+        let mut shift = self.shift;
+        for stage in &self.coarser {
+            shift -= BITS;
+            let part = |d: usize| (m[d] >> shift & 3) << (BITS * d as u32);
+            let Entry { brick, base } = stage.entries[at as usize];
+            let cell = part(0) | part(1) | part(2) | part(3);
+            at = base + u32::from(stage.bricks[brick as usize][cell as usize % CELLS]);
+        }
+        at
+    }
+}
+
+/// All four, the first's fastest.
+#[inline]
+fn pairs(first: [Axis; 2], second: [Axis; 2]) -> [Axis; 4] {
+    std::array::from_fn(|i| {
+        let (a, b) = (first[i & 1], second[i >> 1]);
+        Axis { table: a.table + b.table, cell: a.cell | b.cell }
+    })
+}
+
+/// Values of a brick that are looked for among those of others.
+const FEW: usize = 4;
+
+/// Bricks in the making.
+struct Builder<'a> {
+    leaves: &'a Leaves,
+    /// If values are to know it.
+    rim: Option<&'a Rim>,
+    bricks: Bricks,
+    /// By stage: entries of constant blocks, by the bits of their value.
+    constants: Vec<HashMap<[u32; 4], Entry>>,
+    /// Finest bricks: many are alike, along the rim and where leaves are large.
+    patterns: HashMap<Brick, u32>,
+    /// Where the values of bricks with at most [`FEW`] start, by their bits.
+    few: HashMap<Vec<[u32; 4]>, u32>,
+}
+
+impl Builder<'_> {
+    /// The entry of `stage` for the block that starts at **m**.
+    fn entry(&mut self, stage: usize, m: [u32; 4]) -> Entry {
+        let leaves = self.leaves;
+        let stages = self.bricks.coarser.len() + 1;
+        let below = BITS * (stages - stage) as u32;
         let leaf = leaves.leaf(m);
         let high = leaves.extent(leaf, m).1;
-        if (0..4).all(|d| high[d] >= (m[d] + (1 << below)).min(1 << leaves.level(d))) {
-            if let Some(&entry) = constants[stage].get(&leaf.index) {
-                return entry;
-            }
-            let base = self.constant(stage, leaves.mean(leaf));
-            let entry = Entry { brick: 0, base };
-            constants[stage].insert(leaf.index, entry);
-            return entry;
+        let end = |d: usize| (m[d] + (1 << below)).min(1 << leaves.level(d));
+        let is_leaf = (0..4).all(|d| high[d] >= end(d));
+        let rim = self.rim.map_or(Some(1.0), |rim| rim.of_block([m[2], m[3]], [end(2), end(3)]));
+        if let Some(rim) = rim
+            && (is_leaf || rim == 0.0)
+        {
+            return self.constant(stage, value(leaves.mean(leaf), rim));
         }
         let size = below - BITS;
         let cells = (0..CELLS).map(|cell| {
@@ -127,130 +273,92 @@ impl Bricks {
             (cell, [at(0), at(1), at(2), at(3)])
         });
         let cells = cells.filter(|(_, at)| (0..4).all(|d| at[d] >> leaves.level(d) == 0));
+        if stage + 1 == stages {
+            return self.finest(cells);
+        }
         let mut brick = [0; CELLS];
-        let is_finest = stage + 1 == self.stages.len();
-        let base = if is_finest {
-            // By leaf, in order of appearance: at most 256, so that a byte counts them.
-            let mut found: Vec<u32> = Vec::new();
-            let base = self.values.len();
-            for (cell, at) in cells {
-                let leaf = leaves.leaf(at);
-                let known = found.iter().rposition(|&index| index == leaf.index);
-                brick[cell] = known.unwrap_or_else(|| {
-                    found.push(leaf.index);
-                    self.values.push(texel(leaves.mean(leaf)));
-                    found.len() - 1
-                }) as u8;
-            }
-            base
-        } else {
-            let mut found = Vec::<Entry>::new();
-            for (cell, at) in cells {
-                let entry = self.entry(leaves, stage + 1, at, constants);
-                let same = |other: &Entry| (other.brick, other.base) == (entry.brick, entry.base);
-                brick[cell] = found.iter().rposition(same).unwrap_or_else(|| {
-                    found.push(entry);
-                    found.len() - 1
-                }) as u8;
-            }
-            let base = self.stages[stage + 1].entries.len();
-            self.stages[stage + 1].entries.extend(found);
-            base
-        };
-        let bricks = &mut self.stages[stage].bricks;
+        let mut found = Vec::<Entry>::new();
+        for (cell, at) in cells {
+            let entry = self.entry(stage + 1, at);
+            brick[cell] = found.iter().rposition(|other| *other == entry).unwrap_or_else(|| {
+                found.push(entry);
+                found.len() - 1
+            }) as u8;
+        }
+        let base = self.bricks.stage(stage + 1).entries.len();
+        self.bricks.stage(stage + 1).entries.extend(found);
+        let bricks = &mut self.bricks.stage(stage).bricks;
         bricks.push(brick);
-        Entry { brick: (bricks.len() - 1) as u32, base: number(base) }
+        Entry { brick: number(bricks.len() - 1), base: number(base) }
     }
 
-    /// Where a constant block's indices of `stage`, all 0, count from.
-    fn constant(&mut self, stage: usize, mean: Rgb) -> u32 {
-        if stage + 1 == self.stages.len() {
-            self.values.push(texel(mean));
-            number(self.values.len() - 1)
-        } else {
-            let base = self.constant(stage + 1, mean);
-            let entries = &mut self.stages[stage + 1].entries;
-            entries.push(Entry { brick: 0, base });
-            number(entries.len() - 1)
+    /// A finest brick of these cells, each with its place in it.
+    fn finest(&mut self, cells: impl Iterator<Item = (usize, [u32; 4])>) -> Entry {
+        let mut brick = [0; CELLS];
+        // In order of appearance: at most 256, so that a byte counts them.
+        let mut found: Vec<Vec4> = Vec::new();
+        for (cell, m) in cells {
+            let inverse = self.rim.map_or(1.0, |rim| rim.inverse([m[2], m[3]]));
+            let value = value(self.leaves.mean(self.leaves.leaf(m)), inverse);
+            // Those alike are mostly near; not to find one costs 16 bytes.
+            let near = found.len().saturating_sub(32);
+            let known = found[near..].iter().rposition(|&other| other == value);
+            brick[cell] = known.map_or_else(
+                || {
+                    found.push(value);
+                    found.len() - 1
+                },
+                |at| near + at,
+            ) as u8;
         }
-    }
-
-    /// Where offset `m` along dimension `d` is.
-    #[inline]
-    pub(super) fn axis(&self, d: usize, m: u32) -> Axis {
-        let shift = self.shift;
-        Axis { table: (m >> shift) << self.strides[d], cell: (m & 3) << (BITS * d as u32), m }
-    }
-
-    /// The value at these places along u, v, κ and λ.
-    #[inline]
-    pub(super) fn at(&self, axes: [Axis; 4]) -> &Texel {
-        let [u, v, k, l] = axes;
-        let table = u.table + v.table + k.table + l.table;
-        let cell = u.cell | v.cell | k.cell | l.cell;
-        let value = match &self.stages[..] {
-            // Nearly always: up to 64⁴ cells, or as many of other proportions.
-            [only] => only.step(table, cell),
-            stages => descend(stages, table, axes.map(|axis| axis.m)),
-        };
-        &self.values[value as usize]
-    }
-}
-
-impl Bricks {
-    /// The values at both places along each of u, v, κ and λ, u fastest.
-    #[inline]
-    pub(super) fn corners(&self, ends: [[Axis; 2]; 4]) -> [&Texel; 16] {
-        let corner = |i: usize| -> [Axis; 4] { std::array::from_fn(|d| ends[d][i >> d & 1]) };
-        let is_one_block = ends.iter().all(|[low, high]| low.table == high.table);
-        if let ([only], true) = (&self.stages[..], is_one_block) {
-            let Entry { brick, base } =
-                only.entries[corner(0).map(|a| a.table).iter().sum::<u32>() as usize];
-            if brick == 0 {
-                return [&self.values[base as usize]; 16];
+        let bricks = &mut self.bricks.finest.bricks;
+        let brick = *self.patterns.entry(brick).or_insert_with(|| {
+            bricks.push(brick);
+            number(bricks.len() - 1)
+        });
+        let values = &mut self.bricks.values;
+        let base = number(values.len());
+        if found.len() <= FEW {
+            let base = *self.few.entry(found.iter().copied().map(bits).collect()).or_insert(base);
+            if base as usize == values.len() {
+                values.extend(found);
             }
-            let brick = &only.bricks[brick as usize];
-            return std::array::from_fn(|i| {
-                let cell = corner(i).iter().fold(0, |cell, axis| cell | axis.cell);
-                &self.values[base as usize + usize::from(brick[cell as usize % CELLS])]
-            });
+            return Entry { brick, base };
         }
-        std::array::from_fn(|i| self.at(corner(i)))
+        values.extend(found);
+        Entry { brick, base }
+    }
+
+    /// The entry of `stage` for a block of one value.
+    fn constant(&mut self, stage: usize, value: Vec4) -> Entry {
+        if let Some(&entry) = self.constants[stage].get(&bits(value)) {
+            return entry;
+        }
+        let base = if stage == self.bricks.coarser.len() {
+            self.bricks.values.push(value);
+            self.bricks.values.len() - 1
+        } else {
+            let entry = self.constant(stage + 1, value);
+            let entries = &mut self.bricks.stage(stage + 1).entries;
+            entries.push(entry);
+            entries.len() - 1
+        };
+        let entry = Entry { brick: CONSTANT, base: number(base) };
+        self.constants[stage].insert(bits(value), entry);
+        entry
     }
 }
 
-impl Stage {
-    #[inline]
-    fn step(&self, entry: u32, cell: u32) -> u32 {
-        let Entry { brick, base } = self.entries[entry as usize];
-        base + u32::from(self.bricks[brick as usize][cell as usize % CELLS])
+/// A value of a cell that has 1/f or, if it has no say, 0.
+fn value([r, g, b]: Rgb, inverse: f32) -> Vec4 {
+    if inverse == 0.0 {
+        return Vec4::ZERO;
     }
+    Vec4::new(r * inverse, g * inverse, b * inverse, 1.0)
 }
 
-/// The value that stages of bricks lead to.
-#[cold]
-fn descend(stages: &[Stage], table: u32, m: [u32; 4]) -> u32 {
-    let (mut at, mut shift) = (table, BITS * stages.len() as u32);
-    for stage in stages {
-        shift -= BITS;
-        let part = |d: usize| (m[d] >> shift & 3) << (BITS * d as u32);
-        at = stage.step(at, part(0) | part(1) | part(2) | part(3));
-    }
-    at
-}
-
-/// A place along one dimension.
-#[derive(Clone, Copy)]
-pub(super) struct Axis {
-    /// What it adds to the table's index.
-    table: u32,
-    /// What it adds to the cell of a finest brick.
-    cell: u32,
-    m: u32,
-}
-
-fn texel([r, g, b]: Rgb) -> Texel {
-    Texel([r, g, b, 0.0])
+fn bits(value: Vec4) -> [u32; 4] {
+    value.to_array().map(f32::to_bits)
 }
 
 fn number(count: usize) -> u32 {
@@ -268,23 +376,20 @@ mod tests {
     use super::*;
     use crate::{CHILDREN, Cell, TreeBuilder};
 
-    fn assert_same(leaves: &Leaves, bricks: &Bricks, m: [u32; 4]) {
-        let axes = std::array::from_fn(|d| bricks.axis(d, m[d]));
-        assert_eq!(bricks.at(axes), &texel(leaves.mean(leaves.leaf(m))), "{m:?}");
-    }
-
     #[test]
-    fn every_cell_has_its_leafs_value() {
+    fn every_cell_has_its_leafs_value_over_its_part_inside_the_udc() {
         for (position, direction) in [(0, 0), (1, 3), (3, 1), (2, 4), (3, 3)] {
             let levels = Levels { position, direction };
             let tree = TreeBuilder::from_grid(&grid(levels, wild)).finish();
+            let rim = Rim::new(direction);
             for kept in [1, 10, 1000, usize::MAX] {
                 let leaves = Leaves::new(&tree.compressed(crate::Keep::Count(kept)).0);
-                let bricks = Bricks::new(&leaves);
+                let bricks = Bricks::new(&leaves, &rim);
                 let (p, d) = (1 << position, 1 << direction);
                 for i in 0..p * p * d * d {
                     let m = [i % p, i / p % p, i / (p * p) % d, i / (p * p * d)];
-                    assert_same(&leaves, &bricks, m);
+                    let expected = value(leaves.mean(leaves.leaf(m)), rim.inverse([m[2], m[3]]));
+                    assert_eq!(bricks.at(m), expected, "{m:?}");
                 }
             }
         }
@@ -310,18 +415,44 @@ mod tests {
             builder.add_node(Cell { depth, m: cell.map(|m| m as u16) }, &b);
         }
         let leaves = Leaves::new(&builder.finish());
-        let bricks = Bricks::new(&leaves);
+        let bricks = Bricks::new(&leaves, &Rim::new(levels.direction));
+        assert!(!bricks.knows_the_rim(), "more than one stage");
         assert!(bricks.bytes() < 4 << 20, "{} bytes", bricks.bytes());
+        let assert_same = |m: [u32; 4]| {
+            assert_eq!(bricks.at(m), value(leaves.mean(leaves.leaf(m)), 1.0), "{m:?}");
+        };
         for step in [0_u32, 1, 2, 3, 5, 100, 511] {
             for d in 0..4 {
                 let mut near = m;
                 near[d] ^= step;
-                assert_same(&leaves, &bricks, near);
+                assert_same(near);
             }
         }
         let last = [1023, 1023, 16383, 16383];
         for m in [[0; 4], last] {
-            assert_same(&leaves, &bricks, m);
+            assert_same(m);
         }
+    }
+
+    /// What blends read from a block that is called flat on.
+    #[test]
+    fn flat_blocks_have_neighbours_of_their_value() {
+        let levels = Levels { position: 5, direction: 0 };
+        let lit = |[u, v, ..]: [f64; 4]| [f64::from(u8::from(u + v > 1.5)); 3];
+        let tree = TreeBuilder::from_grid(&grid(levels, lit)).finish();
+        let bricks = Bricks::new(&Leaves::new(&tree), &Rim::new(levels.direction));
+        let mut flat = 0;
+        for (at, entry) in bricks.finest.entries.iter().enumerate() {
+            if entry.brick != FLAT {
+                continue;
+            }
+            flat += 1;
+            let low = [0, 3].map(|below| (at as u32 >> below & 7) << BITS);
+            for i in 0..25 {
+                let m = [(low[0] + i % 5).min(31), (low[1] + i / 5).min(31), 0, 0];
+                assert_eq!(bricks.at(m), bricks.values[entry.base as usize], "{low:?} {m:?}");
+            }
+        }
+        assert!((20..60).contains(&flat), "{flat} of 64 blocks");
     }
 }

@@ -11,7 +11,7 @@ pub use footprint::MipSampler;
 
 use crate::grid::Rgb;
 use crate::{Levels, Tree};
-use bricks::{Bricks, Texel};
+use bricks::Bricks;
 use leaves::Leaves;
 use rim::Rim;
 
@@ -25,10 +25,13 @@ use rim::Rim;
 /// which a fraction f lies inside has its mean divided by f, so that radiance
 /// does not darken towards the horizon; cells with f < ¼, where the division
 /// would magnify what thresholding left, have no say, and the nearest of the
-/// others stands in for them. (κ, λ) outside the UDC are moved to its rim.
+/// others stands in for them. (κ, λ) outside the UDC are moved to its rim, unless a
+/// box's cell has a say.
 #[derive(Clone, Debug)]
 pub struct Sampler {
     levels: Levels,
+    /// Of position and of direction.
+    sides: [Side; 2],
     rim: Rim,
     bricks: Bricks,
 }
@@ -43,8 +46,9 @@ impl Sampler {
     pub fn new(tree: &Tree) -> Self {
         let levels = tree.levels();
         let rim = Rim::new(levels.direction);
-        let bricks = Bricks::new(&Leaves::new(tree));
-        Self { levels, rim, bricks }
+        let bricks = Bricks::new(&Leaves::new(tree), &rim);
+        let sides = [levels.position, levels.direction].map(Side::new);
+        Self { levels, sides, rim, bricks }
     }
 
     /// Its levels.
@@ -62,44 +66,61 @@ impl Sampler {
     /// The mean radiance over the finest cell around (u, v, κ, λ): piecewise
     /// constant. Coordinates past 0 or 1 count as 0 or 1.
     #[must_use]
-    pub fn box_value(&self, q: [f64; 4]) -> Rgb {
-        let Levels { position, direction } = self.levels;
-        let [u, v] = [q[0], q[1]].map(|x| cell_of(x, position));
-        let mut cell = [q[2], q[3]].map(|x| cell_of(x, direction));
-        let mut inverse = 1.0;
-        if !self.rim.is_around([q[2], q[3]], rim::Reach::Cell) {
-            let (kappa, lambda) = rim::inside([q[2], q[3]]);
-            let at_rim = [kappa, lambda].map(|x| cell_of(x, direction));
-            (cell, inverse) = self.rim.nearest(at_rim);
-        }
-        let [k, l] = cell;
-        let Texel([r, g, b, _]) = *self.texel([u, v, k, l]);
-        [r * inverse, g * inverse, b * inverse]
-    }
-
-    /// The tree's mean over the finest cell **m**.
     #[inline]
-    fn texel(&self, m: [u32; 4]) -> &Texel {
-        self.bricks.at(std::array::from_fn(|d| self.bricks.axis(d, m[d])))
+    pub fn box_value(&self, q: [f64; 4]) -> Rgb {
+        let [position, direction] = self.sides;
+        let [u, v] = [q[0], q[1]].map(|x| position.cell(x));
+        let [k, l] = [q[2], q[3]].map(|x| direction.cell(x));
+        if self.bricks.knows_the_rim() {
+            let [r, g, b, say] = self.bricks.at([u, v, k, l]).to_array();
+            if say > 0.0 {
+                return [r, g, b];
+            }
+        }
+        self.box_beside([u, v], [q[2], q[3]])
     }
 
-    /// The [`multilinear`](Self::multilinear) look-ups of a packet of hits.
-    ///
-    /// # Panics
-    ///
-    /// If the lengths differ.
-    pub fn multilinear_batch(&self, points: &[[f64; 4]], out: &mut [Rgb]) {
-        assert_eq!(points.len(), out.len(), "a value for each point");
-        for (out, &q) in out.iter_mut().zip(points) {
-            *out = self.multilinear(q);
-        }
+    /// The mean over the cell that stands in for one that may have no say.
+    #[cold]
+    fn box_beside(&self, [u, v]: [u32; 2], direction: [f64; 2]) -> Rgb {
+        let inside = if rim::is_inside(direction) { direction } else { rim::moved(direction) };
+        let cell = inside.map(|x| self.sides[1].cell(x));
+        let ([k, l], inverse) = self.rim.nearest(cell);
+        let mean = self.bricks.at([u, v, k, l]);
+        let mean = if self.bricks.knows_the_rim() { mean } else { inverse * mean };
+        mean.truncate().into()
     }
 }
 
-/// Which of 2^`level` cells holds `x`.
-fn cell_of(x: f64, level: u8) -> u32 {
-    let cells = 1_u32 << level;
-    ((x * f64::from(cells)) as u32).min(cells - 1)
+/// The 2^level cells of a dimension.
+#[derive(Clone, Copy, Debug)]
+struct Side {
+    /// In 2⁻³² of a cell.
+    scale: f64,
+    last: u32,
+}
+
+impl Side {
+    fn new(level: u8) -> Self {
+        Self { scale: 2.0_f64.powi(i32::from(level) + 32), last: (1 << level) - 1 }
+    }
+
+    /// `x`, at least 0 and at most 1, in cells, with 32 bits of fraction.
+    ///
+    /// Adding 2⁵² leaves a float's integer part in its lowest bits: this takes fewer
+    /// instructions than a conversion that looks after all floats. Of a NaN it is
+    /// something.
+    #[inline]
+    fn fixed(self, x: f64) -> u64 {
+        const MANTISSA: u64 = (1 << 52) - 1;
+        (x.clamp(0.0, 1.0) * self.scale + (1_u64 << 52) as f64).to_bits() & MANTISSA
+    }
+
+    /// Which cell holds `x`.
+    #[inline]
+    fn cell(self, x: f64) -> u32 {
+        ((self.fixed(x) >> 32) as u32).min(self.last)
+    }
 }
 
 #[cfg(test)]
@@ -170,7 +191,7 @@ mod tests {
             let count = (kept * tree.len() as f64) as usize;
             let tree = tree.compressed(Keep::Count(count)).0;
             let sampler = Sampler::new(&tree);
-            let cell = [cell_of(q[2], levels.direction), cell_of(q[3], levels.direction)];
+            let cell = [q[2], q[3]].map(|x| sampler.sides[1].cell(x));
             prop_assume!(sampler.rim.inverse(cell) == 1.0);
             for (a, b) in sampler.box_value(q).into_iter().zip(tree.eval(q)) {
                 prop_assert!((f64::from(a) - b).abs() < 1e-5, "{a} {b}");
@@ -193,17 +214,5 @@ mod tests {
         let sampler = sampler(Levels::isotropic(0), |_| [2.0; 3]);
         assert!((sampler.multilinear([0.1, 0.9, 0.5, 0.5])[0] - 2.0).abs() < 1e-6, "2");
         assert!(sampler.bytes() < 4096, "{} bytes", sampler.bytes());
-    }
-
-    #[test]
-    fn a_batch_is_its_look_ups() {
-        let sampler = sampler(Levels { position: 2, direction: 3 }, wild);
-        let points: Vec<[f64; 4]> =
-            (0..100).map(|i| [3, 5, 7, 11].map(|k| f64::from(i * k % 100) / 100.0)).collect();
-        let mut found = vec![[0.0; 3]; points.len()];
-        sampler.multilinear_batch(&points, &mut found);
-        for (found, &q) in found.iter().zip(&points) {
-            assert_eq!(*found, sampler.multilinear(q), "{q:?}");
-        }
     }
 }

@@ -15,17 +15,6 @@ pub(super) struct Rim {
     rows: Vec<Row>,
     /// 1/f of the cells in `first..full`, row by row.
     inverse: Vec<f32>,
-    /// By [`Reach`]: squared distance from the middle up to which all is inside.
-    inner: [f64; 2],
-}
-
-/// The cells that a look-up reads.
-#[derive(Clone, Copy)]
-pub(super) enum Reach {
-    /// The one it is in.
-    Cell,
-    /// The four whose centres are around it.
-    Four,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -43,10 +32,7 @@ impl Rim {
         let cells = 1_u32 << level;
         let middle = cells.div_ceil(2);
         let at = |i: u32| f64::from(i) / f64::from(cells);
-        // The farthest corner of a cell is a diagonal away, that of four one and a half.
-        let diagonal = std::f64::consts::SQRT_2 / f64::from(cells);
-        let inner = [1.0, 1.5].map(|n| (0.5 - n * diagonal).max(0.0).powi(2));
-        let mut rim = Self { level, rows: Vec::new(), inverse: Vec::new(), inner };
+        let mut rim = Self { level, rows: Vec::new(), inverse: Vec::new() };
         for l in 0..middle {
             // The row's widest chord starts here: no cell before it is inside.
             let y = (0.5 - at(l + 1)).max(0.0);
@@ -68,14 +54,6 @@ impl Rim {
         rim
     }
 
-    /// Whether all cells that a look-up at (κ, λ) reads surely have f = 1: what
-    /// most look-ups need to know.
-    #[inline]
-    pub(super) fn is_around(&self, [kappa, lambda]: [f64; 2], reach: Reach) -> bool {
-        let (x, y) = (kappa - 0.5, lambda - 0.5);
-        x * x + y * y < self.inner[reach as usize]
-    }
-
     /// 1/f of a cell, or 0 if it has no say.
     pub(super) fn inverse(&self, [k, l]: [u32; 2]) -> f32 {
         let last = (1 << self.level) - 1;
@@ -88,6 +66,14 @@ impl Rim {
         } else {
             self.inverse[(row.offset + k - row.first) as usize]
         }
+    }
+
+    /// What [`inverse`](Self::inverse) is for all cells from `low` to before `end`, if
+    /// it is the same.
+    pub(super) fn of_block(&self, low: [u32; 2], end: [u32; 2]) -> Option<f32> {
+        let first = self.inverse(low);
+        let mut cells = (low[1]..end[1]).flat_map(|l| (low[0]..end[0]).map(move |k| [k, l]));
+        cells.all(|cell| self.inverse(cell) == first).then_some(first)
     }
 
     /// The cell itself or, if it has no say, the next towards the middle that
@@ -116,15 +102,19 @@ impl Rim {
     }
 }
 
-/// (κ, λ), moved to the rim if it is outside the UDC.
-pub(super) fn inside([kappa, lambda]: [f64; 2]) -> (f64, f64) {
+/// Whether (κ, λ) is a direction of the hemisphere.
+#[inline]
+pub(super) fn is_inside([kappa, lambda]: [f64; 2]) -> bool {
     let (x, y) = (kappa - 0.5, lambda - 0.5);
-    let squared = x * x + y * y;
-    if squared <= 0.25 {
-        return (kappa, lambda);
-    }
-    let scale = 0.5 / squared.sqrt();
-    (0.5 + x * scale, 0.5 + y * scale)
+    x * x + y * y <= 0.25
+}
+
+/// (κ, λ) outside the UDC, moved to its rim.
+#[cold]
+pub(super) fn moved([kappa, lambda]: [f64; 2]) -> [f64; 2] {
+    let (x, y) = (kappa - 0.5, lambda - 0.5);
+    let scale = 0.5 / x.hypot(y);
+    [0.5 + x * scale, 0.5 + y * scale]
 }
 
 #[cfg(test)]

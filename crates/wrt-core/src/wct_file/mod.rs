@@ -79,7 +79,7 @@
 //!
 //! Every byte is covered: by a checksum, or by having to be zero. Reading needs
 //! memory of at most 16 times the file's size or, where trees are coded, 6000
-//! times, whatever the file says; and equal values give equal bytes.
+//! times and a megabyte a thread, whatever the file says; and equal values give equal bytes.
 
 mod aside;
 mod description;

@@ -36,7 +36,7 @@ mod values;
 use super::{Node, Tree};
 use crate::{Levels, children, pull};
 use quantise::Analysis;
-use range::{Decoder, Encoder};
+use range::{Coder as _, Decoder, Encoder};
 use shape::{Branch, Shape, volume};
 use std::sync::Arc;
 use values::NodeValues;
@@ -82,8 +82,8 @@ impl Tree {
         // stand for so many nodes that a reader refuses them: then less is allowed.
         let mut share = 0.9999;
         while norm > 0.0 && error > 0.0 && share > 0.1 {
-            let Some(mut bytes) = self.encoded((share * error).powi(2) * norm) else { break };
-            if let Ok(tree) = Self::from_code(self.levels, &bytes) {
+            let Some(coded) = self.encoded((share * error).powi(2) * norm) else { break };
+            if let (mut bytes, Some(tree)) = coded {
                 let difference = self.difference(&tree);
                 let relative_error = (difference.squared / norm).sqrt();
                 if relative_error <= error {
@@ -117,7 +117,8 @@ impl Tree {
         self.code().map(|bytes| double(bytes, LARGEST.start))
     }
 
-    fn encoded(&self, allowed: f64) -> Option<Vec<u8>> {
+    /// The code, and the tree that a reader makes of it unless it refuses it.
+    fn encoded(&self, allowed: f64) -> Option<(Vec<u8>, Option<Self>)> {
         let analysis = Analysis::new(self, allowed);
         let step = analysis.step(allowed)?;
         let (masks, coefficients) = analysis.quantised(self, step);
@@ -129,14 +130,18 @@ impl Tree {
         let mut coder = Encoder::new();
         let most = masks.len();
         let shape = Shape::code(&mut coder, self.levels, analysis.within_udc, &masks, most)?;
-        values::code(&mut coder, &shape, root, &coefficients, |_, _| {});
+        let mut decoded = Decoded::new(&shape, root, step, analysis.axes.map(|a| a.map(f64::from)));
+        values::code(&mut coder, &shape, root, &coefficients, |branch, values| {
+            decoded.add(branch, values);
+        });
         bytes.extend(coder.finish());
-        Some(bytes)
+        let fits = masks.len() <= NODES_PER_BYTE * bytes.len();
+        Some((bytes, decoded.finish().filter(|_| fits)))
     }
 
     /// The tree that is coded as `bytes`, or what is wrong with them: an outside
-    /// file promises nothing. Needs memory of at most 6000 times their number,
-    /// whatever they are.
+    /// file promises nothing. Needs memory of at most 6000 times their number and a
+    /// megabyte, whatever they are.
     ///
     /// # Errors
     ///
@@ -174,21 +179,21 @@ impl Tree {
         }
         let mut coder = Decoder::new(bits);
         let most = NODES_PER_BYTE * bytes.len();
-        let Some(shape) = Shape::code(&mut coder, levels, header[76] == 1, &[], most) else {
-            return Err(format!("{} bytes for more than {most} nodes", bytes.len()));
+        let shape = Shape::code(&mut coder, levels, header[76] == 1, &[], most);
+        let Some(shape) = shape.filter(|_| !coder.has_run_out()) else {
+            return Err(match coder.has_run_out() {
+                true => "its bits end early".to_owned(),
+                false => format!("{} bytes for more than {most} nodes", bytes.len()),
+            });
         };
         let mut decoded = Decoded::new(&shape, root, step, axes);
         values::code(&mut coder, &shape, root, &[], |branch, values| decoded.add(branch, values));
         if !coder.is_at_end() {
             return Err("more bits or fewer than its coefficients take".to_owned());
         }
-        let tree = decoded.tree;
-        let finite = |b: &[f32; 3]| b.iter().all(|x| x.is_finite());
-        if !tree.coefficients.iter().chain([&tree.root]).all(finite) {
+        let Some(tree) = decoded.finish() else {
             return Err("a coefficient is not finite".to_owned());
-        }
-        let every = vec![true; tree.coefficients.len()];
-        let tree = tree.filtered(&every);
+        };
         Ok(Self { code: Some(Code(bytes.into())), ..tree })
     }
 }
@@ -217,6 +222,15 @@ impl Decoded {
     fn colour(&self, b: [f64; 3]) -> [f32; 3] {
         let sum = |c: usize| -> f64 { self.axes.iter().zip(b).map(|(axis, b)| axis[c] * b).sum() };
         [0, 1, 2].map(|c| (self.step * sum(c)) as f32)
+    }
+
+    /// The tree, if it is finite.
+    fn finish(self) -> Option<Tree> {
+        let tree = self.tree;
+        let finite = |b: &[f32; 3]| b.iter().all(|x| x.is_finite());
+        let every = vec![true; tree.coefficients.len()];
+        let is_finite = tree.coefficients.iter().chain([&tree.root]).all(finite);
+        is_finite.then(|| tree.filtered(&every))
     }
 
     fn add(&mut self, branch: &Branch, values: &NodeValues) {

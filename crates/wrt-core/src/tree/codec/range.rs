@@ -10,6 +10,12 @@ pub(super) trait Coder {
     /// returns it; a reader returns what was written.
     fn bit(&mut self, one: u32, bit: bool) -> bool;
 
+    /// Whether a reader has been asked for more than there is: what it has read since is
+    /// worth nothing.
+    fn has_run_out(&self) -> bool {
+        false
+    }
+
     /// The low `count` bits of `value`, each as likely 0 as 1.
     fn even_bits(&mut self, count: u32, value: u32) -> u32 {
         (0..count).rev().fold(0, |read, i| {
@@ -102,6 +108,10 @@ impl<'a> Decoder<'a> {
 }
 
 impl Coder for Decoder<'_> {
+    fn has_run_out(&self) -> bool {
+        self.missing > 0
+    }
+
     fn bit(&mut self, one: u32, _: bool) -> bool {
         let middle = middle(self.low, self.high, one);
         let bit = self.code <= middle;

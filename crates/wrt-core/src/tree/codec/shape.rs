@@ -103,7 +103,8 @@ impl Models {
 }
 
 impl Shape {
-    /// Codes a tree's shape, or returns `None` once it has more than `most` nodes.
+    /// Codes a tree's shape, or returns `None` once it has more than `most` nodes or a
+    /// reader has run out.
     ///
     /// A writer has `masks`, `(lit, nodes)` by node, none for a constant. Where
     /// `within_udc`, nothing outside the UDC is lit, and so nodes go down to the
@@ -128,7 +129,7 @@ impl Shape {
             for i in start..end {
                 let mask = masks.get(i).copied().unwrap_or_default();
                 shape.code_node(coder, &mut models, i, within_udc, mask);
-                if shape.nodes.len() > most {
+                if shape.nodes.len() > most || coder.has_run_out() {
                     return None;
                 }
             }

@@ -34,7 +34,7 @@ struct Memory<'a> {
 
 /// Codes the coefficients of a tree of this shape whose root has the smoothing
 /// coefficient `root`. A writer has `quantised`, by node and by increasing ν.
-/// `emit` is called for each node in turn.
+/// `emit` is called for each node in turn, until a reader has run out.
 pub(super) fn code(
     coder: &mut impl Coder,
     shape: &Shape,
@@ -54,6 +54,9 @@ pub(super) fn code(
     let mut before = [[0_u32; 3]; CHILDREN];
     let mut parent = 0;
     for (i, branch) in shape.nodes.iter().enumerate() {
+        if coder.has_run_out() {
+            return;
+        }
         while i > 0 && !has_child(&shape.nodes[parent], i) {
             parent += 1;
         }
