@@ -406,10 +406,11 @@ mod tests {
             let (t, l) = (DVec2::new(at(0.618), at(0.324)), DVec2::new(at(0.755), at(0.57)));
             assert_eq!(table.eval(t, l), back.eval(-l, -t), "{t} {l}");
         }
-        // The light of a furnace that enters leaves either way: ∬ f is the same.
+        // The light of a furnace that enters leaves either way: ∬ f is the same, but for
+        // what 512 samples across the disc see of the patches that light enters by.
         let through = |table: &Bsdf| table.apply(&furnace(5)).irradiance()[0][0];
         let (a, b) = (through(&table), through(&back));
-        assert!((a / b - 1.0).abs() < 1e-5, "{a} {b}");
+        assert!((a / b - 1.0).abs() < 1.0 / 512.0, "{a} {b}");
     }
 
     #[test]
