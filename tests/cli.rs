@@ -88,6 +88,51 @@ fn options_out_of_range_are_usage_errors() {
     assert!(complaint.contains("an odd number a side"), "{complaint}");
 }
 
+/// A quad scene's lamp becomes a window; what cannot be weather is refused.
+#[test]
+fn weather_lights_the_windows() {
+    let folder = Folder::new();
+    let (quad, out) = (scene("quad/quad.gltf"), folder.path("quad.wct"));
+    let baked = |flags: &[&str]| {
+        let args = ["bake", &quad, "-o", &out, "--error", "0.02", "--checks", "0"];
+        tracer(&[&args[..], flags].concat())
+    };
+    let hash = |flags: &[&str]| {
+        assert!(baked(flags).status.success(), "{flags:?}");
+        let text = succeed(&["inspect", &out]);
+        text.lines().find(|line| line.contains("fnv1a64")).expect("a hash").to_owned()
+    };
+    let [own, overcast, uniform] =
+        [hash(&[]), hash(&["--sky", "overcast"]), hash(&["--sky", "uniform"])];
+    assert!(own != overcast && overcast != uniform, "{own} {overcast} {uniform}");
+    for (flags, expected) in [
+        (&["--sky", "clear"][..], "--sky clear needs --sun"),
+        (&["--sun", "20,-5"], "elevation"),
+        (&["--sky-irradiance", "5"], "--sky-irradiance needs --sky or --sun"),
+        (&["--sky", "uniform", "--sky-irradiance=-1"], "irradiance"),
+    ] {
+        let output = baked(flags);
+        assert_eq!(output.status.code(), Some(1), "{output:?}");
+        let complaint = String::from_utf8(output.stderr).expect("UTF-8 on stderr");
+        assert!(complaint.contains(expected), "{flags:?}: {complaint}");
+    }
+    // Shown under the sky that it was baked under, or with a word about it.
+    assert!(baked(&["--sky", "overcast"]).status.success(), "a bake");
+    let png = folder.path("quad.png");
+    let render = |flags: &[&str]| {
+        let args = ["render", &quad, "--wct", &out, "--size", "16x12", "-o", &png];
+        let output = tracer(&[&args[..], flags].concat());
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stderr).expect("UTF-8 on stderr")
+    };
+    let told = "baked under overcast sky of 100 W/m2 over ground of 0.2, shown under ";
+    assert!(!render(&["--sky", "overcast"]).contains("baked under"), "the same");
+    for (flags, shown) in [(&["--sky", "uniform"][..], "uniform sky of 100"), (&[], "no sky")] {
+        let words = render(flags);
+        assert!(words.contains(&format!("{told}{shown}")), "{words}");
+    }
+}
+
 #[test]
 fn compare_tells_how_far_apart_two_pictures_are() {
     let folder = Folder::new();

@@ -23,6 +23,8 @@ const WRT_CORE: &[&str] = &[
     "emission",
     "transport",
     "interaction",
+    "sky",
+    "glazing",
     "gather",
     "beams",
     "legendre",

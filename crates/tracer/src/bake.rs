@@ -4,6 +4,8 @@ mod check;
 mod emitters;
 mod receivers;
 mod smooth;
+#[cfg(test)]
+mod weather_tests;
 
 use crate::scene::Scene;
 use check::{Checked, check};
@@ -317,8 +319,14 @@ impl Hash {
     fn emitter(&mut self, emitter: &Emitter) {
         self.points(&emitter.polygon.vertices());
         self.add(emitter.fine.picture().iter().flatten().flat_map(|x| x.to_le_bytes()));
-        if let Lobe::Cosine { exponent, peak } = emitter.emission.lobe() {
-            self.points(&[peak, DVec3::splat(exponent)]);
+        match emitter.emission.lobe() {
+            Lobe::Lambertian => {}
+            Lobe::Cosine { exponent, peak } => self.points(&[*peak, DVec3::splat(*exponent)]),
+            Lobe::Table { factors, x, .. } => {
+                self.points(&[x.extend(0.0)]);
+                self.add(factors.iter().flat_map(|f| f.to_le_bytes()));
+            }
+            Lobe::Disc { axis, radius } => self.points(&[*axis, DVec3::splat(*radius)]),
         }
     }
 

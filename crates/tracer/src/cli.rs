@@ -7,6 +7,7 @@ mod inspect;
 mod report;
 mod transport;
 mod view;
+mod weather;
 
 pub(crate) use bake::{Accuracy, Bake, Basis};
 pub(crate) use compare::Compare;
@@ -15,6 +16,7 @@ pub(crate) use inspect::Inspect;
 pub(crate) use report::{Everything, Integrators, Oracle, Rays, Report, ReportPart};
 pub(crate) use transport::Transport;
 pub(crate) use view::{Fly, Render, Tone, View};
+pub(crate) use weather::Weather;
 
 use clap::{Parser, Subcommand};
 

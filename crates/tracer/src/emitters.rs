@@ -5,6 +5,8 @@
 //! its centre, or one that moves from sample to sample, which turns the bands
 //! that a fixed grid casts in penumbras into fine noise.
 
+mod sunbeam;
+
 use crate::{
     accel::Accel,
     phong::Surface,
@@ -12,6 +14,7 @@ use crate::{
 };
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::f64::consts::PI;
+use sunbeam::Sunbeam;
 
 /// Texture samples along a texel in a cell's mean.
 const SAMPLES_PER_TEXEL: f32 = 2.0;
@@ -35,6 +38,7 @@ pub(crate) struct AreaEmitter {
     cells: Vec<Cell>,
     /// In world coordinates.
     lobe: Option<Lobe>,
+    sunbeam: Option<Sunbeam>,
 }
 
 /// Part of an emitter, where (s, t) = origin + sign · cell_side · place.
@@ -86,7 +90,7 @@ impl AreaEmitter {
         let h = 1.0 / m as f64;
         let corner_of = |i: usize, j: usize| DVec2::new(i as f64, j as f64) * h;
         let texture = material.emission_texture.map(|map| &scene.textures[map.texture]);
-        let mean = |origin: DVec2, sign: f64| {
+        let mean_over = |origin: DVec2, sign: f64, h: f64, shape: Shape| {
             let Some(texture) = texture else { return material.emission };
             let [uv, du, dv] = piece.uv;
             let (width, height) = texture.size();
@@ -96,12 +100,13 @@ impl AreaEmitter {
             let sum: Vec3 = (0..n * n)
                 .map(|k| {
                     let at = DVec2::new((k % n) as f64 + 0.5, (k / n) as f64 + 0.5) / n as f64;
-                    let st = (origin + sign * h * piece.shape.place(at)).as_vec2();
+                    let st = (origin + sign * h * shape.place(at)).as_vec2();
                     texture.at(uv + st.x * du + st.y * dv).truncate()
                 })
                 .sum();
             material.emission * sum / (n * n) as f32
         };
+        let mean = |origin, sign| mean_over(origin, sign, h, piece.shape);
         let cell = |origin, sign| Cell { origin, sign, radiance: mean(origin, sign) };
         let mut cells = Vec::new();
         for (i, j) in (0..m).flat_map(|i| (0..m).map(move |j| (i, j))) {
@@ -118,7 +123,16 @@ impl AreaEmitter {
             }
         }
         cells.retain(|cell| cell.radiance != Vec3::ZERO);
-        let peak = |lobe: Lobe| (mesh.transform.matrix3 * lobe.peak).normalize_or_zero();
+        let window = material.lobe.as_ref().and_then(|lobe| lobe.window.as_ref());
+        let sunbeam = window.and_then(|window| window.sunlight).map(|sunlight| {
+            let side = sunbeam::SIDE as f64;
+            let colour = |i: usize| {
+                let cell = DVec2::new((i % sunbeam::SIDE) as f64, (i / sunbeam::SIDE) as f64);
+                mean_over(cell / side, 1.0, side.recip(), Shape::Parallelogram)
+            };
+            Sunbeam { sunlight, colours: (0..sunbeam::SIDE.pow(2)).map(colour).collect() }
+        });
+        let peak = |lobe: &Lobe| (mesh.transform.matrix3 * lobe.peak).normalize_or_zero();
         Self {
             corner: piece.corner,
             edge_u: piece.edge_u,
@@ -126,9 +140,10 @@ impl AreaEmitter {
             normal: piece.edge_u.cross(piece.edge_v).normalize(),
             cell_area: piece.area() * h * h,
             cell_side: h,
-            lobe: material.lobe.map(|lobe| Lobe { peak: peak(lobe), ..lobe }),
+            lobe: material.lobe.as_ref().map(|lobe| Lobe { peak: peak(lobe), ..lobe.clone() }),
             shape: piece.shape,
             cells,
+            sunbeam,
         }
     }
 
@@ -163,7 +178,7 @@ impl AreaEmitter {
             if cos_d <= 0.0 || cos_s <= 0.0 {
                 continue;
             }
-            let lobe = self.lobe.map_or(1.0, |lobe| lobe_factor(lobe, -to_light));
+            let lobe = self.lobe.as_ref().map_or(1.0, |lobe| lobe_factor(lobe, -to_light));
             if lobe == 0.0 {
                 continue;
             }
@@ -179,11 +194,44 @@ impl AreaEmitter {
         }
         radiance
     }
+
+    /// Radiance that `surface` reflects to the eye of the sunlight that goes straight
+    /// through this emitter, if that is clear glass: of the point of the sun's disc that
+    /// `place`, in [0, 1)², stands for. Counts the ray it casts into `rays`.
+    pub(crate) fn sunlight(
+        &self,
+        surface: &Surface<'_>,
+        place: DVec2,
+        accel: &Accel,
+        rays: &mut u64,
+    ) -> Vec3 {
+        let edges = [self.edge_u, self.edge_v];
+        let from = surface.position - self.corner;
+        let Some(ray) = self.sunbeam.as_ref().and_then(|beam| beam.ray(place, from, edges)) else {
+            return Vec3::ZERO;
+        };
+        let cosine = surface.normal.dot(ray.to_light);
+        let outside = self.shape == Shape::Triangle && ray.st.element_sum() >= 1.0;
+        if outside || cosine <= 0.0 || surface.geometric.dot(ray.to_light) <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let start = accel.leave(surface.position, surface.geometric, surface.geometric);
+        let point = self.corner + ray.st.x * self.edge_u + ray.st.y * self.edge_v;
+        *rays += 1;
+        let weight = cosine as f32 * accel.visibility(start, point);
+        let reflectance = surface.brdf.reflectance(surface.normal, ray.to_light, surface.to_eye);
+        reflectance * ray.irradiance * weight
+    }
 }
 
 /// How much of its peak radiance a lobe sends along `travel`, a unit vector in
 /// the peak's coordinates.
-pub(crate) fn lobe_factor(lobe: Lobe, travel: DVec3) -> f64 {
+///
+/// A window's sunlight is not in it: see [`Window::radiance`](crate::scene::Window).
+pub(crate) fn lobe_factor(lobe: &Lobe, travel: DVec3) -> f64 {
+    if let Some(window) = &lobe.window {
+        return window.light.eval(window.frame.to_local(travel));
+    }
     let cosine = travel.dot(lobe.peak);
     if cosine > 0.0 { cosine.powf(lobe.exponent) } else { 0.0 }
 }
@@ -351,7 +399,7 @@ mod tests {
         let mut scene = facing_squares();
         // A quarter turn about x takes local −z to world −y.
         scene.meshes[1].transform = DAffine3::from_rotation_x(-0.5 * PI);
-        scene.materials[1].lobe = Some(Lobe { exponent: 1e4, peak: DVec3::NEG_Z });
+        scene.materials[1].lobe = Some(Lobe { exponent: 1e4, peak: DVec3::NEG_Z, window: None });
         let emitters = AreaEmitter::all(&scene, 64);
         // A beam: ∫ cosⁿ⁺¹θ dω = 2π/(n+2), and all of it lands on the square but
         // for the rim.
@@ -377,5 +425,56 @@ mod tests {
         }
         scene.meshes[1].positions[3].x -= 0.5;
         assert_eq!(pieces(&scene.meshes[1], None).len(), 2, "a trapezium");
+    }
+
+    /// Sunlight lands where the line to the sun meets the glass, with the irradiance
+    /// given times what the glass passes and the cosine at the surface; on the beam's edge
+    /// with half of it.
+    #[test]
+    fn sunlight_lands_where_geometry_says() {
+        let mut scene = facing_squares();
+        scene.materials[1].glazing = Some(wrt_core::Glazing::Clear { ior: 1.5 });
+        let sun = wrt_core::Sun::new(30.0, 60.0, 600.0).expect("in range");
+        let sky = wrt_core::Sky::new(wrt_core::SkyModel::Uniform, 0.0, Some(sun), 0.0);
+        scene.sky = Some(sky.expect("in range"));
+        // From north-north-east, 60° up, on glass that lies flat: the upper square.
+        crate::scene::weather::light_windows(&mut scene).expect("a plane");
+        let (emitters, accel) = (AreaEmitter::all(&scene, 4), Accel::new(&scene));
+        let seen = |x: f64, z: f64| {
+            let hit = accel.closest(DVec3::new(x, -1.0, z), DVec3::Y, 0.0, 1.5).expect("the floor");
+            let surface = Surface::new(&scene, &Hit { front: true, ..hit }, DVec3::Y);
+            let count = 400;
+            let sum: f32 = (0..count)
+                .map(|i| {
+                    let place = DVec2::new(
+                        (f64::from(i) + 0.5) / f64::from(count),
+                        f64::from(i) * 0.618_034,
+                    );
+                    emitters[0].sunlight(&surface, place.fract(), &accel, &mut 0).x
+                })
+                .sum();
+            PI * f64::from(sum / count as f32)
+        };
+        let cosine = 60_f64.to_radians().sin();
+        let refracted = (1.0 - (1.0 - cosine * cosine) / 2.25_f64).sqrt();
+        let s = ((cosine - 1.5 * refracted) / (cosine + 1.5 * refracted)).powi(2);
+        let p = ((1.5 * cosine - refracted) / (1.5 * cosine + refracted)).powi(2);
+        let f = 0.5 * (s + p);
+        let full = 600.0 * cosine * (1.0 - f) / (1.0 + f);
+        // The square is moved by cot 60°, away from the sun: to −x and +z.
+        let shift = 3_f64.sqrt().recip();
+        let (dx, dz) = (-shift * 30_f64.to_radians().sin(), shift * 30_f64.to_radians().cos());
+        for (x, z, expected) in [
+            (0.3, 0.9, 1.0),
+            (0.02, dz + 0.02, 1.0),
+            (1.0 + dx - 0.02, 0.98, 1.0),
+            (0.3, dz, 0.5),
+            (1.0 + dx, 0.8, 0.5),
+            (0.3, dz - 0.02, 0.0),
+            (1.0 + dx + 0.02, 0.8, 0.0),
+        ] {
+            let found = seen(x, z) / full;
+            assert!((found - expected).abs() < 0.01, "({x}, {z}): {found}");
+        }
     }
 }

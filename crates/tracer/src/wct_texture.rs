@@ -133,7 +133,8 @@ impl PatchRadiance for WctTexture {
             LookUp::Smooth(_) if mu.z < 0.0 => return None,
             LookUp::Smooth(sampler) => sampler.radiance(uv, mu),
         };
-        // Thresholding and polynomials can leave a little less than no light.
+        // Thresholding and polynomials can leave a little less than no light: what taking
+        // none costs is told where trees are compressed.
         Some(Vec3::from(radiance).max(Vec3::ZERO))
     }
 }

@@ -162,10 +162,13 @@ impl Whitted<'_> {
         if !hit.front || surface.emission == Vec3::ZERO {
             return Vec3::ZERO;
         }
-        let lobe = material.lobe.map_or(1.0, |lobe| {
+        let lobe = material.lobe.as_ref().map_or(1.0, |lobe| {
+            if let Some(window) = &lobe.window {
+                return window.radiance(surface.to_eye);
+            }
             let matrix = self.scene.meshes[hit.mesh].transform.matrix3;
             let peak = (matrix * lobe.peak).normalize_or_zero();
-            lobe_factor(Lobe { peak, ..lobe }, surface.to_eye)
+            lobe_factor(&Lobe { peak, ..lobe.clone() }, surface.to_eye)
         });
         surface.emission * lobe as f32
     }
@@ -175,6 +178,13 @@ impl Whitted<'_> {
         let mut radiance = surface.ambient(self.scene.ambient);
         for light in &self.scene.lights {
             radiance += surface.lit_by(light, self.accel, &mut sample.rays);
+        }
+        // Another place on each emitter and at each depth.
+        let (first, count) = (sample.place, self.emitters.len() as f64);
+        let place = |i: usize| (first + (i as f64 + f64::from(depth) * count) * R2).fract_gl();
+        // Patches do not hold it.
+        for (i, emitter) in self.emitters.iter().enumerate() {
+            radiance += emitter.sunlight(surface, place(i), self.accel, &mut sample.rays);
         }
         let patch = self.patches.filter(|_| hit.front).and_then(|patches| {
             patches.outgoing(hit.mesh, hit.triangle, surface.position, surface.to_eye, sample)
@@ -187,10 +197,7 @@ impl Whitted<'_> {
             return radiance;
         }
         for (i, emitter) in self.emitters.iter().enumerate() {
-            // Another place on each emitter and at each depth.
-            let step = i as f64 + f64::from(depth) * self.emitters.len() as f64;
-            let place = (sample.place + step * R2).fract_gl();
-            radiance += emitter.illuminate(surface, place, self.accel, &mut sample.rays);
+            radiance += emitter.illuminate(surface, place(i), self.accel, &mut sample.rays);
         }
         radiance
     }

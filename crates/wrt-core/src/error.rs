@@ -68,6 +68,34 @@ pub enum Error {
         /// What it may be.
         allowed: &'static str,
     },
+    /// A sky or sun that cannot be.
+    #[error("{what} is {found}, but must be {allowed}")]
+    Weather {
+        /// Which parameter.
+        what: &'static str,
+        /// Its value.
+        found: f64,
+        /// What it may be.
+        allowed: &'static str,
+    },
+    /// A table of a BSDF that does not fit its directions.
+    #[error("a BSDF of {incident} × {outgoing} directions, but {found} values")]
+    TableSize {
+        /// Patches of incident directions.
+        incident: usize,
+        /// Patches of outgoing directions.
+        outgoing: usize,
+        /// Values.
+        found: usize,
+    },
+    /// A value in a BSDF's table that is negative or not finite.
+    #[error("value {index} of the BSDF is {found}")]
+    TableValue {
+        /// Which, from 0.
+        index: usize,
+        /// What it is.
+        found: f32,
+    },
     /// A name that no integration method has.
     #[error("{found:?} is no integration method: {known}")]
     UnknownMethod {

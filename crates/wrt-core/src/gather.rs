@@ -1,12 +1,14 @@
 //! Reflected radiance at a point by plain quadrature over the emitters: no
 //! wavelets, no transport. What everything else is measured against.
 
-use crate::{Emission, Phong, Polygon};
+use crate::emission::cone_directions;
+use crate::{Emission, Phong, Polygon, cone_solid_angle};
 use glam::{DVec2, DVec3};
 
 /// The radiance that a surface at `point` with `frame`'s axes reflects towards
 /// `to_eye` (a unit vector of the frame, z > 0) of the light of `emitters`, with
-/// `cells`² midpoints on each emitter's chart. No occlusion.
+/// `cells`² midpoints on each emitter's chart, or in its cone of directions where that is
+/// narrow. No occlusion.
 ///
 /// ∫ f_r L_e cosθ_s cosθ_d / r² dA.
 ///
@@ -25,6 +27,31 @@ pub fn gather(
     let mut sum = [0.0; 3];
     for (polygon, emission) in emitters {
         let Some(size) = polygon.size() else { panic!("gathering needs rectilinear charts") };
+        let mut add = |uv: DVec2, towards: DVec3, weight: f64| {
+            let light = emission.eval(uv, polygon.frame().to_local(-towards));
+            let reflectance = phong.eval(frame.to_local(towards), to_eye);
+            for c in 0..3 {
+                sum[c] += light[c] * reflectance[c] * weight;
+            }
+        };
+        if let Some((axis, radius)) = emission.lobe().cone() {
+            // A narrow cone falls between midpoints of the chart: its directions instead.
+            let (rings, around) = (cells.div_ceil(4), cells);
+            let share = cone_solid_angle(radius) / f64::from(rings * around);
+            let axis = -polygon.frame().to_world(axis);
+            for towards in cone_directions(axis, radius, rings, around) {
+                let (leaves, arrives) = (-polygon.frame().n.dot(towards), frame.n.dot(towards));
+                let height = polygon.frame().n.dot(point - polygon.frame().origin);
+                if leaves > 0.0 && arrives > 0.0 && height > 0.0 {
+                    let hit = point + towards * (height / leaves) - polygon.frame().origin;
+                    let uv = polygon.frame().to_local(hit).truncate() / size;
+                    // Rounding must not take the outermost ones out of the cone.
+                    let inside = towards.lerp(axis, 1e-9).normalize();
+                    add(uv, inside, share * arrives);
+                }
+            }
+            continue;
+        }
         let area = size.x * size.y / f64::from(cells * cells);
         for i in 0..cells * cells {
             let at = DVec2::new(f64::from(i % cells), f64::from(i / cells)) + 0.5;
@@ -36,12 +63,7 @@ pub fn gather(
             if leaves <= 0.0 || arrives <= 0.0 {
                 continue;
             }
-            let light = emission.eval(uv, polygon.frame().to_local(-towards));
-            let reflectance = phong.eval(frame.to_local(towards), to_eye);
-            let weight = leaves * arrives / r2 * area;
-            for c in 0..3 {
-                sum[c] += light[c] * reflectance[c] * weight;
-            }
+            add(uv, towards, leaves * arrives / r2 * area);
         }
     }
     sum

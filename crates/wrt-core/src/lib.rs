@@ -36,6 +36,7 @@ mod convex;
 mod emission;
 mod error;
 mod gather;
+mod glazing;
 pub mod grid;
 mod haar;
 mod hemisphere;
@@ -48,6 +49,7 @@ mod nusselt;
 mod polygon;
 mod radiometry;
 mod sampler;
+mod sky;
 mod sobol;
 pub mod transport;
 mod tree;
@@ -55,18 +57,23 @@ pub mod wct_file;
 
 pub use chart::Chart;
 pub use convex::ConvexPolygon;
-pub use emission::{Emission, Lobe};
+pub use emission::{Emission, Lobe, cone_solid_angle};
 pub use error::{Error, Result};
 pub use gather::gather;
+pub use glazing::Glazing;
 pub use grid::{Grid, Rgb};
 pub use haar::{CHILDREN, pull, push};
 pub use hemisphere::DirectionMap;
 pub use index::{Cell, Levels, WaveletIndex, children};
-pub use interaction::{BrdfTree, Interface, LobeMatrix, Phong, mirrored, phong_lobe, reflect};
+pub use interaction::{
+    BrdfTree, Bsdf, Interface, LobeMatrix, Patches, Phong, Ring, disc_of_square, mirrored,
+    phong_lobe, reflect, square_of_disc,
+};
 pub use nusselt::{Nusselt, udc_fraction};
 pub use polygon::{Frame, Polygon};
 pub use radiometry::Irradiance;
 pub use sampler::{MipSampler, Sampler};
+pub use sky::{Sky, SkyModel, Sun};
 pub use sobol::sobol;
 pub use tree::{Compression, Difference, Keep, Node, Quantisation, Tree, TreeBuilder};
 pub use wct_file::{Patch, PatchGeometry, SmoothPatch, WctFile};

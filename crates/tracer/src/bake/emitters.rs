@@ -2,7 +2,7 @@
 
 use super::BakeOptions;
 use crate::scene::{
-    Material, Scene, Texture,
+    self, Material, Scene, Texture,
     surfaces::{self, PlanarPolygon},
 };
 use anyhow::{Context as _, bail};
@@ -70,12 +70,14 @@ fn material<'a>(scene: &'a Scene, planar: &PlanarPolygon) -> &'a Material {
     &scene.materials[scene.meshes[planar.mesh].material]
 }
 
-/// What it emits, its picture of this level.
+/// What it emits, its picture of this level: without sunlight through clear glass, which
+/// like a mirror's image is no matter of cells but of the raytracer's rays.
 fn emission(scene: &Scene, planar: &PlanarPolygon, polygon: &Polygon, level: u8) -> Emission {
     let mesh = &scene.meshes[planar.mesh];
     let material = material(scene, planar);
-    let lobe = match material.lobe {
+    let lobe = match &material.lobe {
         None => Lobe::Lambertian,
+        Some(scene::Lobe { window: Some(window), .. }) => window.light_in(polygon.frame()),
         Some(lobe) => {
             let peak = (mesh.transform.matrix3 * lobe.peak).normalize();
             Lobe::Cosine { exponent: lobe.exponent, peak: polygon.frame().to_local(peak) }

@@ -18,6 +18,10 @@ pub(crate) struct Bake {
     #[command(flatten)]
     pub(crate) accuracy: Accuracy,
 
+    #[command(flatten)]
+    pub(crate) weather: super::Weather,
+
+    /// Store the incident radiance of each receiver too, as NAME.incident.
     /// Haar: store the incident radiance of each receiver too, as NAME.incident.
     #[arg(long)]
     pub(crate) incident: bool,

@@ -124,6 +124,9 @@ pub(crate) struct View {
     #[arg(long, value_name = "FILE")]
     pub(crate) wct: Option<PathBuf>,
 
+    #[command(flatten)]
+    pub(crate) weather: super::Weather,
+
     /// Width and height in pixels; 960 wide and of the camera's shape if not given.
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) size: Option<(usize, usize)>,

@@ -17,7 +17,9 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
         // Before the work, not after it.
         bail!("{}: the folder {} does not exist", args.output.display(), folder.display());
     }
-    let scene = super::load(&args.scene)?;
+    let mut scene = super::load(&args.scene)?;
+    super::light_windows(&mut scene, &args.weather)
+        .with_context(|| format!("{}", args.scene.display()))?;
     let mut options = options(&args.accuracy, args.incident)?;
     options.quantise = !args.raw;
     let baked = baked(&scene, &options, args.threads)
@@ -43,6 +45,9 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
                 Transport::Recursion(method) => format!("recursion {}", method.name()),
             },
         );
+    }
+    if let Some(sky) = &scene.sky {
+        recorded.insert(super::SKY.to_owned(), sky.to_string());
     }
     let file = WctFile {
         patches: baked.patches.clone(),

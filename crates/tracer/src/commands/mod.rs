@@ -30,6 +30,17 @@ fn load(path: &Path) -> anyhow::Result<Scene> {
     Ok(loaded.scene)
 }
 
+/// What weather a file was baked under, among the options in it.
+const SKY: &str = "sky";
+
+/// Lights the scene's windows by the weather that the flags or the scene ask for.
+fn light_windows(scene: &mut Scene, weather: &crate::cli::Weather) -> anyhow::Result<()> {
+    if let Some(sky) = weather.sky()? {
+        scene.sky = Some(sky);
+    }
+    scene::weather::light_windows(scene)
+}
+
 /// A progress bar on stderr, silent where that is no terminal.
 fn bar(length: u64, what: &'static str, unit: &str) -> ProgressBar {
     let template =

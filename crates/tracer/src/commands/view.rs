@@ -61,6 +61,8 @@ impl<'a> Stage<'a> {
     /// Loads the scene and its radiance, or bakes that.
     pub(super) fn open(path: &Path, view: &'a cli::View) -> anyhow::Result<Self> {
         let mut scene = super::load(path)?;
+        super::light_windows(&mut scene, &view.weather)
+            .with_context(|| format!("{}", path.display()))?;
         if scene.meshes.iter().all(|mesh| mesh.triangles.is_empty()) {
             eprintln!("tracer: warning: {}: nothing to see: no triangles", path.display());
         } else if scene.light_default() {
@@ -71,7 +73,10 @@ impl<'a> Stage<'a> {
         let texture = match &view.wct {
             Some(path) => WctFile::read(path)
                 .map_err(anyhow::Error::from)
-                .and_then(|file| WctTexture::bind(&file.patches, &file.smooth, &scene))
+                .and_then(|file| {
+                    warn_of_other_weather(&file, &scene, path);
+                    WctTexture::bind(&file.patches, &file.smooth, &scene)
+                })
                 .map(Some)
                 .with_context(|| format!("{}", path.display()))?,
             None if surfaces::emitters(&scene).is_empty()
@@ -281,5 +286,20 @@ impl Meter {
             "cpu_seconds": self.cpu.elapsed().as_secs_f64(),
             "mrays_per_second": self.million_rays() / self.seconds(),
         })
+    }
+}
+
+/// Says so where a file was baked under another sky than the scene is shown under.
+fn warn_of_other_weather(file: &WctFile, scene: &Scene, path: &Path) {
+    let shown = scene.sky.as_ref().map(ToString::to_string);
+    let baked = file.options.get(super::SKY);
+    if baked != shown.as_ref() {
+        let name = |sky: Option<&String>| sky.map_or("no sky".to_owned(), Clone::clone);
+        eprintln!(
+            "tracer: warning: {}: baked under {}, shown under {}: give the weather flags of the bake",
+            path.display(),
+            name(baked),
+            name(shown.as_ref())
+        );
     }
 }

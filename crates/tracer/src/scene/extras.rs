@@ -2,18 +2,23 @@
 //!
 //! | on | fields |
 //! |---|---|
-//! | material | `{"phong": {"kd": [3], "ks": [3], "n": x}, "emission": {"exponent": x, "peak": [3]}}` |
+//! | material | `{"phong": {"kd": [3], "ks": [3], "n": x}, "emission": {"exponent": x, "peak": [3]}, "glazing": …}` |
 //! | node | `{"receiver": true}` |
-//! | scene | `{"ambient": [3]}` |
+//! | scene | `{"ambient": [3], "sky": {"model": "clear", "irradiance": x, "sun": [2], "sun_irradiance": x, "ground": x}}` |
+//!
+//! A glazing is `{"clear": ior}`, `{"diffusing": {"kd": [3], "ks": [3], "n": x}}` or
+//! `{"bsdf": "file.xml"}`.
 //!
 //! All are optional. A misspelt field is an error; other keys of `extras` are
 //! other programs' business.
 
-use super::{Lobe, Material};
+use super::{Lobe, Material, weather};
 use anyhow::{Context as _, ensure};
 use glam::{DVec3, Vec3};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use std::path::PathBuf;
+use wrt_core::{Glazing, Sky, SkyModel, Sun};
 
 /// The largest Phong exponent n: a lobe of 0.3°, below what a bake can resolve.
 pub(super) const MAX_PHONG_EXPONENT: f32 = 1e5;
@@ -24,6 +29,50 @@ pub(super) const MAX_PHONG_EXPONENT: f32 = 1e5;
 pub(super) struct MaterialExtras {
     phong: Option<Phong>,
     emission: Option<Emission>,
+    glazing: Option<GlazingExtras>,
+}
+
+/// What a window lets through.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields, rename_all = "lowercase")]
+enum GlazingExtras {
+    Clear(f64),
+    Diffusing(Phong),
+    Bsdf(PathBuf),
+}
+
+/// The weather.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct SkyExtras {
+    model: Model,
+    #[serde(default = "sky_irradiance")]
+    irradiance: f64,
+    sun: Option<[f64; 2]>,
+    #[serde(default = "sun_irradiance")]
+    sun_irradiance: f64,
+    #[serde(default = "ground")]
+    ground: f64,
+}
+
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Model {
+    Uniform,
+    Overcast,
+    Clear,
+}
+
+fn sky_irradiance() -> f64 {
+    weather::SKY_IRRADIANCE
+}
+
+fn sun_irradiance() -> f64 {
+    weather::SUN_IRRADIANCE
+}
+
+fn ground() -> f64 {
+    weather::GROUND_ALBEDO
 }
 
 /// Replaces what metallic-roughness says of reflection.
@@ -59,6 +108,7 @@ pub(super) struct NodeExtras {
 pub(super) struct SceneExtras {
     #[serde(default)]
     ambient: [f32; 3],
+    sky: Option<SkyExtras>,
 }
 
 /// `wrt` in a glTF object's `extras`, or its default.
@@ -115,14 +165,54 @@ impl MaterialExtras {
                 let unit = peak.try_normalize().filter(|_| peak.is_finite());
                 let unit = unit
                     .with_context(|| format!("extras.wrt: emission.peak {peak} is no direction"))?;
-                material.lobe = Some(Lobe { exponent: *exponent, peak: unit });
+                material.lobe = Some(Lobe { exponent: *exponent, peak: unit, window: None });
             }
+        }
+        if let Some(glazing) = &self.glazing {
+            glazing.apply(material).context("extras.wrt: glazing")?;
+        }
+        Ok(())
+    }
+}
+
+impl GlazingExtras {
+    fn apply(&self, material: &mut Material) -> anyhow::Result<()> {
+        match self {
+            Self::Clear(ior) => {
+                ensure!((1.0..=4.0).contains(ior), "clear is {ior}: an index from 1 to 4");
+                material.glazing = Some(Glazing::Clear { ior: *ior });
+            }
+            Self::Diffusing(Phong { kd, ks, n }) => {
+                let [kd, ks] = [kd, ks].map(|k| k.map(f64::from));
+                let phong = wrt_core::Phong::new(kd, ks, f64::from(*n))?;
+                material.glazing = Some(Glazing::Diffusing(phong));
+            }
+            // Relative to the scene, which the loader knows.
+            Self::Bsdf(file) => material.glazing_file = Some(file.clone()),
         }
         Ok(())
     }
 }
 
 impl SceneExtras {
+    /// The weather outside.
+    ///
+    /// # Errors
+    ///
+    /// If a value is out of its range.
+    pub(super) fn sky(&self) -> anyhow::Result<Option<Sky>> {
+        let Some(sky) = &self.sky else { return Ok(None) };
+        let model = match sky.model {
+            Model::Uniform => SkyModel::Uniform,
+            Model::Overcast => SkyModel::Overcast,
+            Model::Clear => SkyModel::Clear,
+        };
+        let sun =
+            sky.sun.map(|[azimuth, elevation]| Sun::new(azimuth, elevation, sky.sun_irradiance));
+        let sun = sun.transpose().context("extras.wrt: sky")?;
+        Sky::new(model, sky.irradiance, sun, sky.ground).map(Some).context("extras.wrt: sky")
+    }
+
     /// Radiance of the ambient term.
     ///
     /// # Errors
@@ -195,6 +285,38 @@ mod tests {
         let scene: SceneExtras =
             read(&extras(&json!({"wrt": {"ambient": [0.5, 0, 1]}}))).expect("an ambient term");
         assert_eq!(scene.ambient().expect("in range"), Vec3::new(0.5, 0.0, 1.0));
+    }
+
+    #[test]
+    fn weather_and_glass_are_read() {
+        let m = material(json!({"glazing": {"clear": 1.5}})).expect("glass");
+        assert!(matches!(m.glazing, Some(Glazing::Clear { ior: 1.5 })), "{:?}", m.glazing);
+        let milk =
+            json!({"glazing": {"diffusing": {"kd": [0.5, 0.5, 0.5], "ks": [0, 0, 0], "n": 0}}});
+        assert!(matches!(material(milk).expect("milk").glazing, Some(Glazing::Diffusing(_))));
+        for (glazing, expected) in [
+            (json!({"clear": 0.5}), "an index from 1 to 4"),
+            (json!({"diffusing": {"kd": [1, 1, 1], "ks": [1, 1, 1], "n": 0}}), "at most 1"),
+            (json!({"frosted": 1}), "unknown variant"),
+        ] {
+            let error = material(json!({ "glazing": glazing })).expect_err("no glass");
+            assert!(format!("{error:#}").contains(expected), "{error:#}");
+        }
+        let sky = |sky: Value| -> anyhow::Result<Option<Sky>> {
+            read::<SceneExtras>(&extras(&json!({"wrt": {"sky": sky}})))?.sky()
+        };
+        let clear = sky(json!({"model": "clear", "sun": [20, 35], "sun_irradiance": 600}));
+        let sun = clear.expect("in range").expect("a sky").sun().expect("a sun");
+        assert_eq!(sun.irradiance, 600.0);
+        for (value, expected) in [
+            (json!({"model": "clear"}), "suns"),
+            (json!({"model": "foggy"}), "foggy"),
+            (json!({"model": "uniform", "sun": [0, 100]}), "elevation"),
+            (json!({"model": "uniform", "irradiance": -1}), "irradiance"),
+        ] {
+            let error = sky(value).expect_err("no weather");
+            assert!(format!("{error:#}").contains(expected), "{error:#}");
+        }
     }
 
     #[test]

@@ -51,6 +51,7 @@ fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
     let Builder { mut scene, camera_nodes, textures, mut warnings, .. } = builder;
     scene.textures = textures.loaded;
     scene.ambient = ambient(&root)?;
+    scene.sky = sky(&root)?;
     if root.scenes.len() > 1 {
         warnings.ignored("scenes other than the default one", "");
     }
@@ -70,6 +71,13 @@ fn ambient(root: &Root) -> anyhow::Result<Vec3> {
     let Some(scene) = root.scenes.get(shown) else { return Ok(Vec3::ZERO) };
     let extras = extras::read::<SceneExtras>(&scene.extras);
     extras.and_then(|e| e.ambient()).with_context(|| format!("scene {shown}"))
+}
+
+fn sky(root: &Root) -> anyhow::Result<Option<wrt_core::Sky>> {
+    let shown = root.scene.map_or(0, |index| index.value());
+    let Some(scene) = root.scenes.get(shown) else { return Ok(None) };
+    let extras = extras::read::<SceneExtras>(&scene.extras);
+    extras.and_then(|e| e.sky()).with_context(|| format!("scene {shown}"))
 }
 
 /// A scene in the making.

@@ -33,6 +33,19 @@ pub(crate) fn load(path: &Path) -> anyhow::Result<Loaded> {
         ),
     };
     let mut loaded = read(path).with_context(|| format!("reading {}", path.display()))?;
+    let directory = path.parent().unwrap_or(Path::new(""));
+    for material in &mut loaded.scene.materials {
+        let Some(file) = material.glazing_file.take() else { continue };
+        let bsdf = super::bsdf_xml::read(&directory.join(&file)).with_context(|| {
+            format!(
+                "reading {}: material \"{}\": {}",
+                path.display(),
+                material.name,
+                file.display()
+            )
+        })?;
+        material.glazing = Some(wrt_core::Glazing::Tabulated(bsdf.into()));
+    }
     if loaded.scene.cameras.is_empty() {
         let camera = overview(&loaded.scene);
         loaded.scene.cameras.push(camera);

@@ -3,6 +3,7 @@
 //! World space is right-handed, in metres, +Y up. Colours and radiances are
 //! linear Rec. 709; radiance is in W m⁻² sr⁻¹.
 
+mod bsdf_xml;
 mod cutout;
 mod extras;
 pub(crate) mod flight;
@@ -12,6 +13,7 @@ mod metallic;
 mod obj;
 pub(crate) mod surfaces;
 mod texture;
+pub(crate) mod weather;
 
 pub(crate) use cutout::Cutout;
 pub(crate) use load::{Loaded, load};
@@ -19,6 +21,8 @@ pub(crate) use metallic::MetallicRoughness;
 pub(crate) use texture::{Encoding, Texture, Wrap, srgb_to_linear};
 
 use glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
+use std::path::PathBuf;
+use wrt_core::{Frame, Glazing, Sky};
 
 /// Everything a file says about what there is to see.
 #[derive(Debug, Default)]
@@ -32,6 +36,8 @@ pub(crate) struct Scene {
     pub(crate) animations: Vec<Animation>,
     /// Radiance of the ambient term, the same from everywhere.
     pub(crate) ambient: Vec3,
+    /// The weather outside, which lights the windows.
+    pub(crate) sky: Option<Sky>,
 }
 
 /// Triangles of one material, in world space.
@@ -87,6 +93,10 @@ pub(crate) struct Material {
     pub(crate) emission_texture: Option<Map>,
     /// `None`: Lambertian.
     pub(crate) lobe: Option<Lobe>,
+    /// What a window lets through of the light from outside.
+    pub(crate) glazing: Option<Glazing>,
+    /// The same as a BSDF's file, relative to the scene's, until that is read.
+    pub(crate) glazing_file: Option<PathBuf>,
     /// Fraction of the light at normal incidence that passes, 0 for opaque.
     pub(crate) transmission: f32,
     pub(crate) ior: f32,
@@ -111,6 +121,8 @@ impl Default for Material {
             emission: Vec3::ZERO,
             emission_texture: None,
             lobe: None,
+            glazing: None,
+            glazing_file: None,
             transmission: 0.0,
             ior: 1.5,
             mirror: false,
@@ -119,13 +131,34 @@ impl Default for Material {
     }
 }
 
-/// A cosⁿ emission lobe about a direction.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// A cosⁿ emission lobe about a direction, or weather seen through a window.
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Lobe {
     /// n: radiance ∝ max(0, μ·peak)ⁿ for light that travels along μ.
     pub(crate) exponent: f64,
     /// Unit direction of travel at the peak, in the mesh's local coordinates.
     pub(crate) peak: DVec3,
+    /// Replaces both where it is given.
+    pub(crate) window: Option<Window>,
+}
+
+/// The light that comes through a window from outside, in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Window {
+    /// Its normal is the window's inner one, ŷ points as far up as it can.
+    pub(crate) frame: Frame,
+    /// All of the light but sunlight that goes straight through clear glass.
+    pub(crate) light: wrt_core::Lobe,
+    pub(crate) sunlight: Option<Sunlight>,
+}
+
+/// Sunlight behind a pane of clear glass, without the glass's colour.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sunlight {
+    /// Unit direction of travel of the light from the sun's centre.
+    pub(crate) travel: DVec3,
+    /// Of the sun's disc.
+    pub(crate) radiance: f64,
 }
 
 /// What a surface hides, by its alpha: a factor, times the base texture's, times

@@ -28,7 +28,7 @@ fn the_chapel_has_its_window_tiles_and_flight() {
     let [window] = &emitters[..] else { panic!("{emitters:?}") };
     assert!((window.area() - 2.56).abs() < 1e-5, "1.6 m squared, not {}", window.area());
     assert_eq!((window.name.as_str(), window.uvs.len()), ("window", 4));
-    let lobe = scene.materials[scene.meshes[window.mesh].material].lobe.expect("authored");
+    let lobe = scene.materials[scene.meshes[window.mesh].material].lobe.as_ref().expect("authored");
     assert!((lobe.peak.y + 0.5_f64.sqrt()).abs() < 1e-6, "45° down: {}", lobe.peak);
     let names: Vec<&str> = scene.cameras.iter().map(|c| c.name.as_str()).collect();
     assert_eq!(names, ["nave", "window", "low", "top", "fly"]);

@@ -107,7 +107,7 @@ fn coarse_panes(level: u8) -> Emission {
         }
         sum
     };
-    Emission::new(level, (0..side * side).map(mean).collect(), fine.lobe())
+    Emission::new(level, (0..side * side).map(mean).collect(), fine.lobe().clone())
 }
 
 /// Median CPU seconds of `RUNS` runs, their spread (slowest over fastest), and the

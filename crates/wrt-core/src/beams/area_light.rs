@@ -2,7 +2,7 @@
 
 use super::{Beam, Beams, Illuminant};
 use crate::multiwavelet::{Multiwavelet, gauss_legendre, legendre};
-use crate::{Emission, Frame, Lobe, Polygon};
+use crate::{Emission, Frame, Polygon};
 use glam::{DVec2, DVec3};
 
 /// Nodes along a side of a cell: rules match all moments of degree 0 to 3.
@@ -35,6 +35,8 @@ pub struct AreaLight {
     /// each node (u fastest); `None` where it is dark.
     levels: Vec<Vec<Option<Box<Nodes>>>>,
     rule: Vec<(f64, f64)>,
+    /// The angle over which the lobe changes.
+    scale: f64,
 }
 
 impl AreaLight {
@@ -49,7 +51,8 @@ impl AreaLight {
         let Some(size) = polygon.size() else { panic!("area lights are on rectilinear charts") };
         let rule = gauss_legendre(NODES);
         let levels = pyramid(&emission, &rule);
-        Self { frame: *polygon.frame(), size, emission, levels, rule }
+        let scale = emission.lobe().scale();
+        Self { frame: *polygon.frame(), size, emission, levels, rule, scale }
     }
 
     /// The nodes of a cell with their radiance × weight × area, on the polygon.
@@ -92,12 +95,8 @@ impl Illuminant for AreaLight {
         if self.frame.n.dot(point - self.frame.origin) <= 0.0 {
             return;
         }
-        let own = match self.emission.lobe() {
-            Lobe::Lambertian => 1.0,
-            Lobe::Cosine { exponent, .. } => exponent.max(1.0).sqrt().recip(),
-        };
         // Distance and cosines of geometry vary over half a radian.
-        let least = FINENESS * scale.min(own).min(0.5);
+        let least = FINENESS * scale.min(self.scale).min(0.5);
         let finest = self.emission.level().max(self.levels.len() as u8) + EXTRA;
         let at = |uv: DVec2| self.frame.point(uv * self.size) - point;
         let mut open = vec![(0_u8, [0_u32; 2])];
@@ -203,7 +202,7 @@ fn pyramid(emission: &Emission, rule: &[(f64, f64)]) -> Vec<Vec<Option<Box<Nodes
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Phong, gather};
+    use crate::{Lobe, Phong, gather};
 
     /// Panes and leading: edges everywhere.
     fn panes(level: u8) -> Vec<[f32; 3]> {

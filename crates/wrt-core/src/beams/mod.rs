@@ -2,8 +2,10 @@
 //! over whatever shines on it.
 
 mod area_light;
+mod disc_light;
 
 pub use area_light::AreaLight;
+pub use disc_light::DiscLight;
 
 use crate::Frame;
 use glam::DVec3;

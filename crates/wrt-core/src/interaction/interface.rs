@@ -60,6 +60,11 @@ impl Interface {
     /// each cell's part inside the UDC.
     #[must_use]
     pub fn reflect(&self, incident: &Grid) -> Grid {
+        self.pass(incident, |f| f)
+    }
+
+    /// The flip, times a function of Fresnel's reflectance, averaged over each cell.
+    pub(crate) fn pass(&self, incident: &Grid, share: impl Fn(f64) -> f64 + Sync) -> Grid {
         let levels = incident.levels();
         let side = 1_usize << levels.direction;
         let image = |r: usize| -> Option<Vec<Rgb>> {
@@ -67,7 +72,8 @@ impl Interface {
             let (image, scale) = incident.slice(s)?;
             let step = 2.0 / side as f64;
             let low = [s % side, s / side].map(|m| m as f64 * step - 1.0);
-            let mean = mean_inside(low, low.map(|x| x + step), |cosine| self.reflectance(cosine));
+            let high = low.map(|x| x + step);
+            let mean = mean_inside(low, high, |cosine| share(self.reflectance(cosine)));
             let factor = scale * mean as f32;
             Some(incident.images()[image].iter().map(|rgb| rgb.map(|x| factor * x)).collect())
         };

@@ -6,11 +6,13 @@ mod interface;
 mod operator;
 mod phong;
 mod product;
+mod tabulated;
 
 pub use brdf::BrdfTree;
 pub use interface::{Interface, mirrored};
 pub use operator::LobeMatrix;
 pub use phong::{Phong, phong_lobe};
+pub use tabulated::{Bsdf, Patches, Ring, disc_of_square, square_of_disc};
 
 use crate::Levels;
 use crate::grid::{Grid, Rgb, udc_fractions};

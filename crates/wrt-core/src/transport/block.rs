@@ -23,6 +23,12 @@ pub trait Source: Sync {
     /// Which picture is seen, times what, in light that travels along the unit
     /// vector `travel` of the source's frame (z > 0).
     fn slice(&self, travel: DVec3) -> Option<(usize, f64)>;
+
+    /// The axis (in the source's frame) and the radius in radians of a cone that all
+    /// light travels in, if there is a narrow one: other directions are then left out.
+    fn cone(&self) -> Option<(DVec3, f64)> {
+        None
+    }
 }
 
 impl Source for Emission {
@@ -37,6 +43,10 @@ impl Source for Emission {
     fn slice(&self, travel: DVec3) -> Option<(usize, f64)> {
         let factor = self.lobe().eval(travel);
         (factor > 0.0).then_some((0, factor))
+    }
+
+    fn cone(&self) -> Option<(DVec3, f64)> {
+        self.lobe().cone()
     }
 }
 

@@ -382,7 +382,7 @@ mod tests {
         let geometry = window_over_floor();
         let turned = |emission: &Emission| {
             let picture = emission.picture().iter().map(|&[r, g, b]| [g, b, r]).collect();
-            Emission::new(emission.level(), picture, emission.lobe())
+            Emission::new(emission.level(), picture, emission.lobe().clone())
         };
         let rule: Method = "trapezoid2d:9".parse().expect("a method");
         let options = RecursionOptions { integrator: &rule, oracle: true };

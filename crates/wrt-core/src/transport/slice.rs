@@ -10,6 +10,7 @@ use super::{Support, TransportGeometry};
 use crate::grid::Rgb;
 use crate::{Error, Levels, Result};
 use glam::{DVec2, DVec3};
+use std::f64::consts::PI;
 
 /// A source as the cells of a destination see it.
 pub(super) struct Slices<'a, S> {
@@ -76,7 +77,7 @@ impl<'a, S: Source> Slices<'a, S> {
             plane,
             source_corners,
             dest_corners,
-            visible: visible(geometry, source_corners, dest_corners),
+            visible: within(visible(geometry, source_corners, dest_corners), geometry, source),
             pictures: Pictures::Outlines(Vec::new()),
         };
         let side = 1 << source.level();
@@ -282,6 +283,18 @@ fn point(i: u32, n: u32) -> (f64, f64) {
     let at = |i: u32| CORRECTION.get(i as usize).copied().unwrap_or(0.0);
     let correction = if n < 3 { 0.0 } else { at(i) + at(n - 1 - i) };
     ((f64::from(i) + 0.5) * h, (1.0 + correction) * h)
+}
+
+/// Those of the bounds `visible` on μx and μy that the source's cone of light meets.
+fn within(visible: [DVec2; 2], geometry: &TransportGeometry, source: &impl Source) -> [DVec2; 2] {
+    let Some((axis, radius)) = source.cone() else { return visible };
+    let [x, y, n] = geometry.source_axes();
+    // Towards where the light comes from, in the destination's frame.
+    let to = -(x * axis.x + y * axis.y + n * axis.z);
+    let bound = |mu: f64, r: f64| (mu.clamp(-1.0, 1.0).acos() + r).clamp(0.0, PI).cos();
+    let low = DVec2::new(bound(to.x, radius), bound(to.y, radius)) - 1e-12;
+    let high = DVec2::new(bound(to.x, -radius), bound(to.y, -radius)) + 1e-12;
+    [visible[0].max(low), visible[1].min(high)]
 }
 
 /// Bounds on μx and μy of all directions from the destination to the source.

@@ -29,6 +29,13 @@ impl Tree {
     ///
     /// Equal coefficients are dropped from the end, so the result depends on the
     /// tree alone.
+    ///
+    /// Beside bright cells the radiance that is left may be negative. The tree keeps
+    /// that, and with it the flux, which is the root's; a renderer that takes 0 instead
+    /// adds at most ε ‖L‖ over the mean of L to the flux, ε being the relative error.
+    /// Light with one cell a hundred times as bright as the rest, reflected at n = 400,
+    /// gains 3·10⁻⁵ at ε = 2·10⁻³ and 6·10⁻⁴ at 2·10⁻² (measured in
+    /// `interaction/numerics.rs`).
     #[must_use]
     pub fn compressed(&self, keep: Keep) -> (Self, Compression) {
         let mut order: Vec<(f32, u32)> = self

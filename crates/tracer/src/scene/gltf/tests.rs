@@ -129,7 +129,7 @@ fn a_rich_scene_has_all_its_parts() {
         assert_eq!(mesh.transform.transform_point3(DVec3::ONE), DVec3::new(2.0, 3.0, 6.0));
         let material = &scene.materials[mesh.material];
         assert_eq!((material.name.as_str(), material.emission), ("glass", Vec3::ONE));
-        assert_eq!(material.lobe.map(|l| (l.exponent, l.peak)), Some((4.0, DVec3::Z)));
+        assert_eq!(material.lobe.as_ref().map(|l| (l.exponent, l.peak)), Some((4.0, DVec3::Z)));
         assert_eq!(scene.textures[0].nearest(Vec2::ZERO).truncate(), Vec3::X);
         let camera = &scene.cameras[0];
         assert_eq!((camera.name.as_str(), camera.aspect), ("eye", Some(1.5)));
