@@ -1,6 +1,7 @@
 //! Any bits are decoded to a tree or refused: the coder without the file around it.
 //!
-//! In crates/wrt-core, as [`wct_file`](../wct_file.rs) with `tree_code` for its name.
+//! In crates/wrt-core, as [`wct_file`](../wct_file.rs) with `tree_code` for its name
+//! and `fuzz/seeds/tree_code` to start from.
 //! The first two bytes are the levels and whether light is within the UDC; the rest
 //! follows a header that is in order.
 
