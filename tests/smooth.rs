@@ -116,6 +116,41 @@ fn a_smooth_floor_has_the_textbook_irradiance() {
     }
 }
 
+/// Over the scenes, what is looked up is off by no more than was asked for, and by
+/// more than a quarter of it, against sums over the emitters' texels: all patches
+/// together, for so few checks cannot tell of one.
+#[test]
+fn the_error_asked_for_is_kept_and_spent() {
+    let cases = [
+        ("facing/facing.gltf", "0.03", "512"),
+        ("facing/facing.gltf", "0.005", "512"),
+        ("quad/quad.gltf", "0.03", "2000"),
+        ("quad/quad.gltf", "0.005", "2000"),
+        ("chapel/chapel.gltf", "0.03", "64"),
+        ("chapel/chapel.gltf", "0.01", "64"),
+        ("hall/hall.gltf", "0.03", "32"),
+    ];
+    for (path, asked, checks) in cases {
+        let folder = Folder::new();
+        let output = folder.path("smooth.wct");
+        let options = ["--error", asked, "--checks", checks];
+        succeed(&[&["bake", &scene(path), "-o", &output], &options[..]].concat());
+        let asked: f64 = asked.parse().expect("a number");
+        let file = WctFile::read(&output).expect("a file");
+        let (mut wrong, mut all) = (0.0, 0.0);
+        for patch in &file.smooth {
+            let found = patch.error_estimate.expect("it was checked");
+            let name = &patch.name;
+            assert!(patch.relative_error <= asked, "{path} {name}: {}", patch.relative_error);
+            wrong += found * found * patch.tree.norm_squared();
+            all += patch.tree.norm_squared();
+        }
+        let found = (wrong / all).sqrt();
+        eprintln!("{path}, asked for {asked}: {found:.2e}");
+        assert!(found <= asked && found > 0.25 * asked, "{path}: {found} for {asked}");
+    }
+}
+
 #[test]
 fn options_of_both_bases_together_are_refused() {
     let folder = Folder::new();
@@ -128,6 +163,10 @@ fn options_of_both_bases_together_are_refused() {
     assert!(complaint.contains("--compress is for the Haar basis"), "{complaint}");
     let complaint = refused(&["--basis", "haar", "--error", "0.01"]);
     assert!(complaint.contains("--error is for --basis smooth"), "{complaint}");
+    let complaint = refused(&["--basis", "haar", "--orders", "3,3"]);
+    assert!(complaint.contains("--orders is for --basis smooth"), "{complaint}");
+    let complaint = refused(&["--level", "3", "--orders", "3,3"]);
+    assert!(complaint.contains("--orders is for --basis smooth"), "{complaint}");
     let complaint = refused(&["--basis", "smooth", "--incident"]);
     assert!(complaint.contains("--incident is for the Haar basis"), "{complaint}");
     assert!(folder.names().is_empty(), "{:?}", folder.names());

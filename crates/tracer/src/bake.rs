@@ -16,6 +16,7 @@ use std::{
     collections::BTreeMap,
     time::{Duration, Instant},
 };
+use wrt_core::legendre::Orders;
 use wrt_core::transport::{
     BlockOptions, Method, RecursionOptions, TransportGeometry, transport_block, transport_tree,
     transport_within,
@@ -29,8 +30,8 @@ use wrt_core::{
 /// How to bake.
 #[derive(Clone, Debug)]
 pub(crate) struct BakeOptions {
-    /// The error asked of the reflected radiance in a smooth basis; `None` for Haar.
-    pub(crate) smooth: Option<f64>,
+    /// How in a smooth basis; `None` for Haar.
+    pub(crate) smooth: Option<Smooth>,
     /// Levels of the incident and of the reflected radiance.
     pub(crate) levels: Levels,
     /// Level of the emitters' pictures.
@@ -46,6 +47,15 @@ pub(crate) struct BakeOptions {
     pub(crate) incident: bool,
     /// Points per patch at which the result is checked; 0 for no check.
     pub(crate) checks: u32,
+}
+
+/// How to bake in a smooth basis.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Smooth {
+    /// The error asked of the reflected radiance.
+    pub(crate) error: f64,
+    /// The highest orders.
+    pub(crate) orders: Orders,
 }
 
 /// How the transport is integrated.
@@ -123,8 +133,8 @@ pub(crate) fn bake(
     options: &BakeOptions,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> anyhow::Result<Baked> {
-    if let Some(error) = options.smooth {
-        return smooth::bake(scene, options, error, progress);
+    if let Some(how) = options.smooth {
+        return smooth::bake(scene, options, how, progress);
     }
     let mut clock = Clock::default();
     let mut warnings = Vec::new();

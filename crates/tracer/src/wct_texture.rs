@@ -15,6 +15,8 @@ pub(crate) struct WctTexture {
     patches: Vec<Bound>,
     /// Per mesh and triangle: index into `patches`.
     triangles: Vec<Vec<Option<u32>>>,
+    /// Whether boxes are looked up as they are, with nothing between them.
+    nearest: bool,
 }
 
 #[derive(Debug)]
@@ -46,6 +48,7 @@ impl WctTexture {
         let mut texture = Self {
             patches: Vec::new(),
             triangles: scene.meshes.iter().map(|mesh| vec![None; mesh.triangles.len()]).collect(),
+            nearest: false,
         };
         let haar: Vec<&Patch> =
             patches.iter().filter(|patch| patch.side == Side::Outgoing).collect();
@@ -86,6 +89,11 @@ impl WctTexture {
         Ok(texture)
     }
 
+    /// The same, boxes looked up as they are.
+    pub(crate) fn nearest(self) -> Self {
+        Self { nearest: true, ..self }
+    }
+
     /// How many patches are bound.
     pub(crate) fn len(&self) -> usize {
         self.patches.len()
@@ -114,11 +122,15 @@ impl PatchRadiance for WctTexture {
         _: &Sample,
     ) -> Option<Vec3> {
         let patch = &self.patches[self.triangles[mesh][triangle as usize]? as usize];
-        let mu = patch.frame.to_local(to_eye).normalize();
-        let q = Nusselt::from_direction(mu)?;
+        let mu = patch.frame.to_local(to_eye);
         let uv = patch.uv(position);
         let radiance = match &patch.sampler {
-            LookUp::Haar(sampler) => sampler.multilinear([uv.x, uv.y, q.kappa, q.lambda]),
+            LookUp::Haar(sampler) => {
+                let q = Nusselt::from_direction(mu.normalize())?;
+                let q = [uv.x, uv.y, q.kappa, q.lambda];
+                if self.nearest { sampler.box_value(q) } else { sampler.multilinear(q) }
+            }
+            LookUp::Smooth(_) if mu.z < 0.0 => return None,
             LookUp::Smooth(sampler) => sampler.radiance(uv, mu),
         };
         // Thresholding and polynomials can leave a little less than no light.

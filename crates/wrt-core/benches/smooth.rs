@@ -1,7 +1,8 @@
 //! Look-ups in a smooth basis: error against nanoseconds and bytes, for all orders.
 //!
 //! ```text
-//! cargo bench -p wrt-core --bench smooth
+//! cargo bench -p wrt-core --bench smooth             # all rows
+//! cargo bench -p wrt-core --bench smooth -- 4,4      # those with this in their name
 //! ```
 //!
 //! A glossy tile under a stained-glass window, 2.5 m away: each row is a projection
@@ -57,6 +58,12 @@ fn main() {
     }
 }
 
+/// Whether rows of this name are asked for: all, if no part of a name is given.
+fn wanted(name: &str) -> bool {
+    let mut parts = std::env::args().skip(1).filter(|part| !part.starts_with("--")).peekable();
+    parts.peek().is_none() || parts.any(|part| name.contains(&part))
+}
+
 struct Scene {
     tile: Polygon,
     phong: Phong,
@@ -65,6 +72,10 @@ struct Scene {
 
 impl Scene {
     fn smooth(&self, error: f64, orders: Orders, map: DirectionMap) {
+        let name = format!("{map:?} {},{}", orders.position, orders.direction);
+        if !wanted(&name) {
+            return;
+        }
         let start = ProcessTime::now();
         let lights: Vec<AreaLight> =
             self.emitters.iter().map(|(p, e)| AreaLight::new(p, e.clone())).collect();
@@ -75,13 +86,16 @@ impl Scene {
         let made = project(&reflected, &options);
         let bake = start.elapsed().as_secs_f64();
         let sampler = LegendreSampler::new(&made.tree);
-        let name = format!("{map:?} {},{}", orders.position, orders.direction);
         self.row(&name, Some(error), made.tree.len(), sampler.bytes(), bake, |uv, mu| {
             sampler.radiance(uv, mu)
         });
     }
 
     fn haar(&self, levels: Levels) {
+        let name = format!("Haar {},{}", levels.position, levels.direction);
+        if !wanted(&name) {
+            return;
+        }
         let start = ProcessTime::now();
         let (source, emission) = &self.emitters[0];
         let geometry = TransportGeometry::new(source.clone(), self.tile.clone());
@@ -97,7 +111,6 @@ impl Scene {
             let q = Nusselt::from_direction(mu).expect("above the horizon");
             [uv.x, uv.y, q.kappa, q.lambda]
         };
-        let name = format!("Haar {},{}", levels.position, levels.direction);
         self.row(&format!("{name} box"), None, tree.len(), sampler.bytes(), bake, |uv, mu| {
             sampler.box_value(of(uv, mu))
         });

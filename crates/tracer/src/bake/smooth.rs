@@ -3,18 +3,18 @@
 use super::check::{Checked, check};
 use super::emitters::emitters;
 use super::receivers::{Receiver, receivers};
-use super::{BakeOptions, Baked, Clock, Hash, Stage};
+use super::{BakeOptions, Baked, Clock, Hash, Smooth, Stage};
 use crate::scene::Scene;
 use wrt_core::beams::{AreaLight, Illuminant};
 use wrt_core::legendre::{LegendreSampler, ProjectOptions, Projected, Reflected, project};
 use wrt_core::wct_file::ChartKind;
 use wrt_core::{Emission, PatchGeometry, Polygon, SmoothPatch};
 
-/// Bakes all receivers with a relative error of `error` each.
+/// Bakes all receivers with the same relative error each.
 pub(super) fn bake(
     scene: &Scene,
     options: &BakeOptions,
-    error: f64,
+    Smooth { error, orders }: Smooth,
     progress: &(dyn Fn(usize, usize) + Sync),
 ) -> anyhow::Result<Baked> {
     let mut clock = Clock::default();
@@ -38,7 +38,8 @@ pub(super) fn bake(
         hash.receiver(receiver);
         let Projected { tree, error: told, norm_squared } = clock.time(Stage::Reflect, || {
             let reflected = Reflected::new(&receiver.polygon, &receiver.phong, &lights);
-            project(&reflected, &ProjectOptions { error, ..ProjectOptions::default() })
+            let options = ProjectOptions { error, orders, ..ProjectOptions::default() };
+            project(&reflected, &options)
         });
         baked.after += tree.len();
         energy += norm_squared;

@@ -3,6 +3,7 @@
 use anyhow::bail;
 use clap::{Args as ClapArgs, Parser, ValueEnum};
 use std::path::PathBuf;
+use wrt_core::legendre::Orders;
 use wrt_core::transport::Method;
 
 #[derive(Debug, ClapArgs)]
@@ -56,6 +57,11 @@ pub(crate) struct Accuracy {
     /// Decides the size and the orders of all cells, and how coefficients are rounded.
     #[arg(long, value_name = "E", value_parser = error)]
     pub(crate) error: Option<f64>,
+
+    /// Smooth: highest orders of the polynomials in position and in direction, each 1 to
+    /// 7: degrees + 1. Higher ones take fewer bytes and longer look-ups.
+    #[arg(long, value_name = "P,Q", default_value = "4,4", value_parser = orders)]
+    pub(crate) orders: Orders,
 
     /// Haar: level of position and direction: 2^L cells along each of u, v, κ, λ.
     ///
@@ -126,6 +132,9 @@ impl Accuracy {
             (None, Some(option)) if self.error.is_some() => {
                 bail!("{option} is for the Haar basis, which --error is not")
             }
+            (Some(Basis::Haar), _) | (None, Some(_)) if self.orders != Orders::default() => {
+                bail!("--orders is for --basis smooth; the Haar basis has order 1")
+            }
             (Some(Basis::Haar), _) if self.error.is_some() => {
                 bail!("--error is for --basis smooth; the Haar basis takes --level")
             }
@@ -152,6 +161,13 @@ impl Default for Accuracy {
         }
         Nothing::parse_from(["tracer"]).accuracy
     }
+}
+
+fn orders(text: &str) -> Result<Orders, String> {
+    let parse = |part: &str| part.trim().parse().ok().filter(|p| (1..=7).contains(p));
+    text.split_once(',')
+        .and_then(|(p, q)| Some(Orders { position: parse(p)?, direction: parse(q)? }))
+        .ok_or_else(|| "must be two numbers from 1 to 7 with a comma between".to_owned())
 }
 
 fn error(text: &str) -> Result<f64, String> {

@@ -1,11 +1,12 @@
 //! `tracer bake`: a scene to a `.wct` file.
 
-use crate::bake::{BakeOptions, Baked, Stage, Transport, bake};
+use crate::bake::{BakeOptions, Baked, Smooth, Stage, Transport, bake};
 use crate::cli;
 use crate::scene::Scene;
 use crate::threads::in_pool;
 use anyhow::{Context as _, bail};
 use std::collections::BTreeMap;
+use wrt_core::legendre::Orders;
 use wrt_core::transport::{BlockOptions, Integrator as _};
 use wrt_core::{Keep, Levels, WctFile};
 
@@ -22,9 +23,11 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     let baked = baked(&scene, &options, args.threads)
         .with_context(|| format!("baking {}", args.scene.display()))?;
     let mut recorded = BTreeMap::new();
-    if let Some(error) = options.smooth {
+    if let Some(smooth) = options.smooth {
         recorded.insert("basis".to_owned(), "smooth".to_owned());
-        recorded.insert("error".to_owned(), error.to_string());
+        recorded.insert("error".to_owned(), smooth.error.to_string());
+        let Orders { position, direction } = smooth.orders;
+        recorded.insert("orders".to_owned(), format!("{position},{direction}"));
     } else {
         let Levels { position, direction } = options.levels;
         recorded.insert("levels".to_owned(), format!("{position},{direction}"));
@@ -69,7 +72,8 @@ pub(crate) fn options(accuracy: &cli::Accuracy, incident: bool) -> anyhow::Resul
         cli::Basis::Smooth if incident => cli::Basis::Haar,
         basis => basis,
     };
-    let smooth = (basis == cli::Basis::Smooth).then(|| accuracy.error.unwrap_or(ERROR));
+    let smooth = (basis == cli::Basis::Smooth)
+        .then(|| Smooth { error: accuracy.error.unwrap_or(ERROR), orders: accuracy.orders });
     let (position, direction) = accuracy.levels();
     let levels = Levels { position, direction };
     let full = levels.positions() * levels.directions();

@@ -4,9 +4,11 @@
 mod light;
 mod picture;
 mod quadrature;
+mod windows;
 
 pub(crate) use picture::{Estimate, ReferenceOptions, Target, render_reference};
 pub(crate) use quadrature::Quadrature;
+pub(crate) use windows::WindowSum;
 
 use crate::bake::{self, Receiver};
 use crate::render::splitmix;

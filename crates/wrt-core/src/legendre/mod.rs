@@ -12,6 +12,7 @@
 //! degrees of all cells together are small, and then merges cells and lowers orders
 //! where bytes buy the least. [`LegendreSampler`] looks the result up.
 
+mod checks;
 mod project;
 mod prune;
 mod reflected;

@@ -1,19 +1,24 @@
 //! What is left out so that the bytes that stay buy the most.
 
-use super::project::{Orders, Position, ProjectOptions, Projected};
+use super::project::{Orders, Position, ProjectOptions};
 use super::sampled::Sampled;
 use super::terms;
 use super::tree::{Cells, LegendreTree, NOWHERE, POSITION, SPLIT, leaf_byte};
 
-/// How much of the error asked for is spent on what is known to be left out. Degrees
-/// beyond the sampled ones are not known; with them the tiles of a chapel have up to
-/// 1.12 times as much.
-const SPENT: f64 = 0.85;
-
 /// Coefficients that a leaf costs beside its own: its byte and the look-up's way.
 const LEAF: f64 = 0.5;
 
-/// Merges cells, lowers orders and rounds until the error asked for is used up.
+/// A tree, and how it was found.
+pub(super) struct Pruning {
+    pub(super) tree: LegendreTree,
+    /// Weighted energy of what is left out.
+    pub(super) error: f64,
+    /// The logarithm of the price.
+    price: f64,
+}
+
+/// Merges cells, lowers orders and rounds until the weighted energy of what is left
+/// out is `allowed`. `norm` is a bound on it; `last` is what was found for another.
 ///
 /// One number rules all: the energy that a basis function must have to be kept, three
 /// channels together. For each cell the cheapest of all pairs of orders, and of
@@ -23,21 +28,27 @@ const LEAF: f64 = 0.5;
 pub(super) fn prune<P>(
     positions: &[Position<P>],
     norm: f64,
+    allowed: f64,
+    last: Option<&Pruning>,
     options: &ProjectOptions,
-) -> Projected {
-    let allowed = (SPENT * options.error).powi(2) * norm;
-    let make = |price: f64| Pruned::new(positions, options.orders, price);
+) -> Pruning {
+    /// How far from the last price one is looked for, and how closely.
+    const NEAR: f64 = 3.0;
+    const CLOSE: f64 = 1e-3;
+    let make = |price: f64| Pruned::new(positions, options.orders, price.exp());
     // The price of the whole lies between nothing and everything.
     let (mut low, mut high) = ((norm * 1e-24).ln(), norm.ln());
-    for _ in 0..40 {
-        let middle = 0.5 * (low + high);
-        if make(middle.exp()).error <= allowed { low = middle } else { high = middle }
+    if let Some(last) = last {
+        (low, high) = (low.max(last.price - NEAR), high.min(last.price + NEAR));
     }
-    let pruned = make(low.exp());
-    let error = (pruned.error / norm).sqrt();
+    while high - low > CLOSE {
+        let middle = 0.5 * (low + high);
+        if make(middle).error <= allowed { low = middle } else { high = middle }
+    }
+    let pruned = make(low);
     let tree = LegendreTree::from_parts(options.map, pruned.shape, pruned.step, pruned.quanta);
     let tree = tree.unwrap_or_else(|reason| unreachable!("a tree just made: {reason}"));
-    Projected { tree, error, norm_squared: norm }
+    Pruning { tree, error: pruned.error, price: low }
 }
 
 struct Pruned {
@@ -91,7 +102,7 @@ impl Pruned {
                 self.quanta.push(quantum as i32);
             }
         }
-        self.error += leaf.measure * (leaf.left_out(orders) + rounding);
+        self.error += leaf.weight() * leaf.measure * (leaf.left_out(orders) + rounding);
     }
 }
 
@@ -115,14 +126,14 @@ struct Plan<'a> {
 
 impl<'a> Plan<'a> {
     fn of(cell: &'a Sampled, most: Orders, price: f64) -> Self {
-        if !cell.inside {
+        if !cell.is_inside() {
             return Self { cost: 0.0, shape: vec![NOWHERE], leaves: vec![] };
         }
-        let mut best = (f64::INFINITY, [1, 1]);
+        let (weight, mut best) = (cell.weight(), (f64::INFINITY, [1, 1]));
         for p in 1..=most.position {
             for q in 1..=most.direction {
                 let functions = (terms(p) * terms(q)) as f64;
-                let cost = cell.left_out([p, q]) + price * (functions + LEAF);
+                let cost = weight * cell.left_out([p, q]) + price * (functions + LEAF);
                 if cost < best.0 {
                     best = (cost, [p, q]);
                 }

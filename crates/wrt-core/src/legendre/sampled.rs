@@ -22,10 +22,23 @@ pub(super) struct Sampled {
     pub(super) norm: f64,
     /// The mean of cosθ dω / (ds dt).
     pub(super) measure: f64,
-    /// Whether it has directions of the hemisphere.
-    pub(super) inside: bool,
+    pub(super) view: View,
     pub(super) children: Option<Box<[Self; 4]>>,
 }
+
+/// From where a cell can be looked at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum View {
+    /// It has no directions of the hemisphere.
+    Nowhere,
+    /// None that [`Radiance::is_seen`](super::Radiance::is_seen).
+    Unseen,
+    Seen,
+}
+
+/// What an error's square counts where nobody is expected to look: eight times the
+/// error is as good there.
+const UNSEEN: f64 = 1.0 / 64.0;
 
 impl Sampled {
     pub(super) fn new(
@@ -34,11 +47,24 @@ impl Sampled {
         b: Vec<f64>,
         norm: f64,
         measure: f64,
-        inside: bool,
+        view: View,
     ) -> Self {
         let shells = shells(orders, &b);
         let beyond = beyond(orders, &shells);
-        Self { cell, orders, b, detail: 0.0, shells, beyond, norm, measure, inside, children: None }
+        Self { cell, orders, b, detail: 0.0, shells, beyond, norm, measure, view, children: None }
+    }
+
+    /// What the square of an error in it counts.
+    pub(super) fn weight(&self) -> f64 {
+        if self.view == View::Seen { 1.0 } else { UNSEEN }
+    }
+
+    pub(super) fn is_inside(&self) -> bool {
+        self.view != View::Nowhere
+    }
+
+    pub(super) fn is_seen(&self) -> bool {
+        self.view == View::Seen
     }
 
     /// Takes its children's coefficients for its own: they have seen more.
@@ -72,12 +98,12 @@ impl Sampled {
     }
 
     /// The weighted energy of the last degree that was sampled, for position (0) or
-    /// direction (1), over all leaves: what leaves of the highest order leave out.
+    /// direction (1), over all leaves that are seen: what leaves of the highest order leave out.
     pub(super) fn tail(&self, axis: usize) -> f64 {
         if let Some(children) = &self.children {
             return children.iter().map(|child| child.tail(axis)).sum();
         }
-        if !self.inside {
+        if !self.is_seen() {
             return 0.0;
         }
         let [n, m] = self.orders;

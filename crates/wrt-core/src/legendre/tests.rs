@@ -49,7 +49,7 @@ fn points(count: u32) -> impl Iterator<Item = (DVec2, DVec3)> {
 fn error(tree: &LegendreTree, f: impl Fn(DVec2, DVec3) -> [f64; 3]) -> f64 {
     let sampler = LegendreSampler::new(tree);
     let (mut wrong, mut all) = (0.0, 0.0);
-    for (uv, mu) in points(4000) {
+    for (uv, mu) in points(40_000) {
         for (found, exact) in sampler.radiance(uv, mu).into_iter().zip(f(uv, mu)) {
             wrong += (f64::from(found) - exact).powi(2);
             all += exact * exact;
@@ -65,11 +65,11 @@ fn the_error_is_what_was_asked_for_and_what_is_told() {
         for asked in [3e-2, 1e-2] {
             let options = ProjectOptions { error: asked, map, ..ProjectOptions::default() };
             let made = project(&formula, &options);
-            assert!(made.error <= asked && made.error > 0.8 * asked, "{map:?}: {}", made.error);
+            assert!(made.error <= asked && made.error > 0.6 * asked, "{map:?}: {}", made.error);
             let found = error(&made.tree, glossy);
             assert!(found <= asked, "{map:?}: {found} for {asked}");
-            // What was not sampled, and 12,000 samples of a heavy-tailed error.
-            assert!((found / made.error - 1.0).abs() < 0.17, "{map:?}: {found} {}", made.error);
+            // Some thousands of samples of a heavy-tailed error each.
+            assert!((found / made.error - 1.0).abs() < 0.1, "{map:?}: {found} {}", made.error);
         }
     }
 }
@@ -139,9 +139,22 @@ fn cells_are_split_along_an_edge_and_stay_whole_elsewhere() {
     assert!(census.levels[0] >= 4, "{census:?}");
     assert!(census.positions < 8 * finest, "{census:?}");
     let found = error(&made.tree, f);
-    // At a jump degrees beyond the sampled ones have half as much energy again as is
-    // told: 5.9 % where 3.9 % is told and 5 % asked for.
-    assert!(found < 0.065, "{found}, told {}", made.error);
+    // Most of the error at a jump is of degrees that were not sampled.
+    assert!(found <= 0.05 && made.error <= 0.05, "{found}, told {}", made.error);
+    assert!((found / made.error - 1.0).abs() < 0.1, "{found}, told {}", made.error);
+}
+
+/// Where a limit is met, the error that is told is the one there is.
+#[test]
+fn an_edge_that_cannot_be_resolved_is_told() {
+    let f = |uv: DVec2, _: DVec3| [if uv.x + 0.5 * uv.y < 0.7 { 1.0 } else { 0.25 }; 3];
+    for level in [2, 4] {
+        let options = ProjectOptions { error: 0.01, levels: [level, 0], ..Default::default() };
+        let made = project(&Formula { f, scale: f64::INFINITY }, &options);
+        let found = error(&made.tree, f);
+        assert!(made.error > 0.03, "level {level}: {}", made.error);
+        assert!((found / made.error - 1.0).abs() < 0.1, "{found}, told {}", made.error);
+    }
 }
 
 /// The same coefficients from one thread and from three.
@@ -201,17 +214,22 @@ fn shapes_that_no_tree_has_are_refused() {
     assert!(from(&[1, leaf], 1.0, 4).is_some_and(|e| e.contains("4 coefficients")), "too many");
 }
 
+/// A window of coloured panes over the floor, and what it shines with.
+fn window() -> (crate::Polygon, crate::Emission) {
+    let window =
+        crate::Polygon::rectangle(DVec3::new(-0.8, 1.2, 0.0), 1.6 * DVec3::X, 1.6 * DVec3::Y);
+    let pane = |i: usize| [1.0 + (i % 8 % 3) as f32, (i / 8 % 2) as f32, 0.5];
+    let peak = DVec3::new(0.0, -1.0, 1.0).normalize();
+    let lobe = crate::Lobe::Cosine { exponent: 4.0, peak };
+    (window.expect("a rectangle"), crate::Emission::new(3, (0..64).map(pane).collect(), lobe))
+}
+
 /// Reflected light straight from the emitter, against a sum over its texels.
 #[test]
 fn a_tile_under_a_window_is_that_of_direct_quadrature() {
     use crate::beams::AreaLight;
-    use crate::{Emission, Lobe, Phong, Polygon, gather};
-    let window = Polygon::rectangle(DVec3::new(-0.8, 1.2, 0.0), 1.6 * DVec3::X, 1.6 * DVec3::Y);
-    let window = window.expect("a rectangle");
-    let pane = |i: usize| [1.0 + (i % 8 % 3) as f32, (i / 8 % 2) as f32, 0.5];
-    let peak = DVec3::new(0.0, -1.0, 1.0).normalize();
-    let lobe = Lobe::Cosine { exponent: 4.0, peak };
-    let emission = Emission::new(3, (0..64).map(pane).collect(), lobe);
+    use crate::{Phong, Polygon, gather};
+    let (window, emission) = window();
     let light = AreaLight::new(&window, emission.clone());
     let tile = Polygon::rectangle(DVec3::new(0.2, 0.0, 2.5), DVec3::X, -DVec3::Z).expect("a tile");
     let emitters = [(window, emission)];
@@ -233,5 +251,68 @@ fn a_tile_under_a_window_is_that_of_direct_quadrature() {
         let found = (wrong / all).sqrt();
         assert!(found < 0.01, "n = {exponent}: {found}, told {}", made.error);
         assert!(found > 0.0025, "n = {exponent}: {found}: more was paid for than asked");
+    }
+}
+
+/// Relative RMS of the jump between pairs of look-ups that are next to each other.
+fn jump(pairs: impl Iterator<Item = [[f32; 3]; 2]>) -> f64 {
+    let (mut steps, mut all) = (0.0, 0.0);
+    for (a, b) in pairs.flat_map(|[a, b]| a.into_iter().zip(b)) {
+        let [a, b] = [a, b].map(f64::from);
+        steps += (a - b).powi(2);
+        all += 0.5 * (a * a + b * b);
+    }
+    (steps / all).sqrt()
+}
+
+/// Where two tiles of a material meet, or two cells of a tile, the radiance steps by the
+/// difference of two errors, each at the ends of polynomials, where they are greatest:
+/// within twice what was asked for.
+#[test]
+fn seams_are_of_the_size_of_the_error() {
+    use crate::beams::{AreaLight, Illuminant};
+    use crate::{Phong, Polygon};
+    let (window, emission) = window();
+    let light = AreaLight::new(&window, emission);
+    let lights: [&dyn Illuminant; 1] = [&light];
+    for (ks, exponent) in [(0.1, 8.0), (0.6, 40.0)] {
+        let phong = Phong { kd: [0.7 - ks; 3], ks: [ks; 3], exponent };
+        for asked in [0.02, 0.005] {
+            let [left, right] = [-0.8, 0.2].map(|x| {
+                let corner = DVec3::new(x, 0.0, 2.5);
+                let tile = Polygon::rectangle(corner, DVec3::X, -DVec3::Z).expect("a tile");
+                let reflected = Reflected::new(&tile, &phong, &lights);
+                let options = ProjectOptions { error: asked, ..Default::default() };
+                let made = project(&reflected, &options);
+                (LegendreSampler::new(&made.tree), made.tree.census())
+            });
+            let look =
+                |at: &LegendreSampler, u: f64, v: f64, mu: DVec3| at.radiance(DVec2::new(u, v), mu);
+            let tiles = jump(
+                points(1000)
+                    .map(|(uv, mu)| [look(&left.0, 1.0, uv.y, mu), look(&right.0, 0.0, uv.y, mu)]),
+            );
+            const H: f64 = 1e-8;
+            // In the middle, where there is a border if there is any.
+            let cells = jump(points(1000).map(|(uv, mu)| {
+                [look(&left.0, 0.5 - H, uv.y, mu), look(&left.0, 0.5 + H, uv.y, mu)]
+            }));
+            let map = DirectionMap::EqualArea;
+            let directions = points(1000).filter_map(|(uv, mu)| {
+                let st = map.to_square(mu);
+                let [a, b] = [0.5 - H, 0.5 + H].map(|s| map.to_direction(DVec2::new(s, st.y)));
+                (a.z > 0.0 && b.z > 0.0)
+                    .then(|| [look(&left.0, uv.x, uv.y, a), look(&left.0, uv.x, uv.y, b)])
+            });
+            let directions = jump(directions);
+            eprintln!(
+                "n = {exponent}, {asked}: {tiles:.2e} {cells:.2e} {directions:.2e} {:?}",
+                left.1
+            );
+            let steps = [("tiles", tiles), ("positions", cells), ("directions", directions)];
+            for (what, step) in steps {
+                assert!(step <= 2.0 * asked, "n = {exponent}, {what}: {step} for {asked}");
+            }
+        }
     }
 }

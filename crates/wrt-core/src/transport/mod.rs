@@ -11,6 +11,7 @@ mod outline;
 mod pair;
 mod recursion;
 mod refine;
+mod shape;
 mod slice;
 mod sparse;
 mod stencil;

@@ -1,5 +1,6 @@
 //! `tracer report`: every part measured, on one page.
 
+mod bases;
 mod budget;
 mod compression;
 mod estimates;
@@ -53,8 +54,9 @@ impl Bench {
 /// A section's name, and what measures it.
 type Part = (&'static str, fn(&Bench) -> anyhow::Result<Section>);
 
-const PARTS: [Part; 9] = [
+const PARTS: [Part; 10] = [
     ("picture", picture::measure),
+    ("bases", bases::measure),
     ("budget", budget::measure),
     ("estimates", estimates::measure),
     ("transport", transport::measure),

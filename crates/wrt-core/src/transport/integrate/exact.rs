@@ -171,6 +171,29 @@ mod tests {
         }
     }
 
+    /// What leaves a source cell whose rays all land arrives: Σ_k T_jk = A_s / A_d for
+    /// k of j's level, by whatever angle the two are turned.
+    #[test]
+    fn coefficients_of_a_cell_whose_rays_all_land_sum_to_the_ratio_of_areas() {
+        let floor = rectangle([-8., -9., 0.], [16., 0., 0.], [0., 16., 0.]);
+        let level = [[0., 0., 1.], [0., 1., 0.], [1., 0., 0.]];
+        let tilted = [[0.1, -0.2, 0.9], [0.0, 0.96, 0.28], [0.96, -0.0784, 0.2688]];
+        for [origin, u, v] in [level, tilted] {
+            let source = rectangle(origin, u, v);
+            let expected = source.area() / floor.area();
+            let geometry = TransportGeometry::new(source, floor.clone());
+            // Directions within 45° of the source's normal.
+            let j = Support::isotropic(2, [1, 2, 1, 2]);
+            let exact = Exact::default();
+            let mut sum = 0.0;
+            for i in 0..256_u16 {
+                let k = Support::isotropic(2, [i & 3, i >> 2 & 3, i >> 4 & 3, i >> 6]);
+                sum += exact.integrate(&Pair::new(&geometry, j, k)).value;
+            }
+            assert!((sum / expected - 1.0).abs() < 1e-10, "{sum} {expected}");
+        }
+    }
+
     /// T of the parts sums to T of the whole, over source and destination cells in
     /// position and direction.
     #[test]

@@ -2,11 +2,13 @@
 //! analytic, and nested rules on them.
 
 use super::super::pair::{Overlap, Pair};
+use super::super::shape::Shape;
 use super::events::Event;
 use super::nested::{self, Node};
 use super::strips::Strip;
 use crate::Chart;
 use glam::DVec3;
+use std::rc::Rc;
 
 /// What bounds a piece in φ.
 #[derive(Clone, Copy, Debug)]
@@ -37,6 +39,8 @@ pub(super) struct Piece {
     high: [f64; 2],
     /// Which of the nested rules is used along s and along t.
     rules: [usize; 2],
+    /// The overlap's corners, where they could be told.
+    shape: Option<Rc<Shape>>,
 }
 
 /// The integral over a piece, and what is not known of it.
@@ -94,13 +98,15 @@ impl Piece {
                 *evaluations += 1;
                 // G is constant between events, and so is A = 0.
                 if pair.leaves_in_cell(middle) && pair.area(middle) > 0.0 {
-                    let bounds = [from.1, to.1];
+                    // Nearer to one bound, where the shape is the same.
+                    let other = direction(sine, cosine, 0.9 * from.0 + 0.1 * to.0);
                     pieces.push(Self {
                         strip,
-                        bounds,
+                        bounds: [from.1, to.1],
                         low: [0.0; 2],
                         high: [1.0; 2],
                         rules: [rule; 2],
+                        shape: Shape::of(pair, middle, other).map(Rc::new),
                     });
                 }
                 from = to;
@@ -129,16 +135,22 @@ impl Piece {
             let (mut fine, mut coarse) = (0.0, 0.0);
             for (i, &Node { x, weight, coarse: short }) in rules[1].iter().enumerate() {
                 let phi = from + width * (self.low[1] + high * x);
-                let mu = direction(sine, cosine, phi);
+                let (sin_phi, cos_phi) = phi.sin_cos();
+                let mu = DVec3::new(sine, cosine * sin_phi, cosine * cos_phi);
                 let overlap = if i == middle {
-                    let overlap = at.pair.overlap(mu);
+                    let overlap = match &self.shape {
+                        Some(shape) => shape.overlap(at.pair, mu),
+                        None => at.pair.overlap(mu),
+                    };
                     let off = at.rounding.of_area(&overlap, mu.z);
-                    out.rounding += node.weight * scale * phi.cos() * off;
+                    out.rounding += node.weight * scale * cos_phi * off;
                     overlap.area
+                } else if let Some(shape) = &self.shape {
+                    shape.area(at.pair, mu)
                 } else {
                     at.pair.area(mu)
                 };
-                let value = scale * phi.cos() * overlap;
+                let value = scale * cos_phi * overlap;
                 fine += weight * value;
                 coarse += short * value;
                 columns[i] += node.weight * value;

@@ -1,17 +1,31 @@
 //! Transport of whole levels and of single coefficients: CPU time and peak memory
 //! against RED, by geometry and method: `cargo bench --bench transport`, with part
 //! of a row's name to run only those rows.
+//!
+//! How cost grows with the level l, for 2^l cells a side in all four dimensions:
+//! - A recursion integrates pairs. Each of the 16^l destination cells sees as many
+//!   source cells of its own size at any level, so that it costs ∝ (2^l)^4.
+//! - A block has 4^l direction cells with a picture of 4^l positions each; what varies
+//!   is how many directions a cell needs. Footprints move by fewer texels across
+//!   smaller cells, by half as many a level along either axis as long as the picture
+//!   stays the same: 4^l pictures × 4^l cells × 4^−l directions, ∝ (2^l)^2, until the
+//!   three to eight directions a side that each cell gets at least make it (2^l)^4
+//!   again. With pictures as fine as the positions, as `sparse` has them, footprints
+//!   move by as many texels at all levels, and it is (2^l)^4 throughout, but for faint
+//!   cells that need less.
+
+mod recursion;
 
 use cpu_time::ProcessTime;
 use glam::{DQuat, DVec3};
 use peak_alloc::PeakAlloc;
+use recursion::Sample;
 use std::time::Instant;
 use wrt_core::metrics::relative_euclidean_distance;
 use wrt_core::transport::{
-    Exact, Integrator, Method, Pair, RecursionOptions, Support, TransportGeometry,
-    transport_sparse, transport_tree, transport_within,
+    Exact, Integrator, Method, Pair, Support, TransportGeometry, transport_sparse, transport_within,
 };
-use wrt_core::{Emission, Grid, Levels, Lobe, Polygon, TreeBuilder};
+use wrt_core::{Emission, Grid, Levels, Lobe, Polygon};
 
 #[global_allocator]
 static MEMORY: PeakAlloc = PeakAlloc;
@@ -155,11 +169,11 @@ fn blocks(name: &str, geometry: &TransportGeometry) {
                 found.relative_error
             );
             if tolerance == 1e-3 {
-                costs.push(seconds);
+                costs.push((level, seconds));
             }
         }
     }
-    growth("CPU s at 1e-3", &costs);
+    fit(&format!("block {name}, within 1e-3"), &costs);
 }
 
 /// Sparse trees, levels 4 to 8, of panes as fine as the positions.
@@ -182,44 +196,105 @@ fn sparse(name: &str, geometry: &TransportGeometry) {
             found.tree.len(),
             100.0 * found.tree.len() as f64 / (levels.positions() * levels.directions()) as f64
         );
-        costs.push(cpu);
+        costs.push((level, cpu));
     }
-    growth("CPU s", &costs);
+    fit(&format!("sparse {name}"), &costs);
 }
 
-/// Factor from one level to the next.
-fn growth(what: &str, costs: &[f64]) {
-    let factors: Vec<String> = costs.windows(2).map(|w| format!("{:.1}", w[1] / w[0])).collect();
-    println!("  {what}: × {} a level", factors.join(", × "));
-}
-
-/// The paper's recursion with its two-dimensional trapezoidal rule, at levels that it
-/// finishes in; the rest by its growth from the one to the other.
+/// The paper's recursion with its two-dimensional trapezoidal rule at levels 4 to 7, from
+/// a sample of its work; at level 5 against blocks within the same RED.
 fn recursion(name: &str, geometry: &TransportGeometry) {
-    let run = |level: u8, rule: &str| {
-        let levels = Levels::isotropic(level);
-        let source = coarse_panes(level).project(level);
-        let reference =
-            transport_within(geometry, &source, levels, 3e-4).expect("straight grid lines").grid;
-        let rule: Method = rule.parse().expect("a method");
-        let tree = TreeBuilder::from_grid(&source).finish();
-        let options = RecursionOptions { integrator: &rule, oracle: true };
-        let clock = ProcessTime::now();
-        let (found, counts) = transport_tree(geometry, &tree, levels, &options);
-        let seconds = clock.elapsed().as_secs_f64();
-        let red = red(&found.finish().to_grid(), &reference);
+    let mut costs = Vec::new();
+    for level in 4..=7 {
+        let source = if level < 5 { coarse_panes(level) } else { panes(level) };
+        let sample = Sample::draw(geometry, &source, level, 300, 1e-5);
+        let exact = sample.exact();
         println!(
-            "recursion {name}, level {level}, {}: RED {red:7.1e}  {seconds:8.3} CPU s, {} integrals",
-            rule.name(),
-            counts.integrated
+            "recursion {name}, level {level}: {} cells of {:.1e}; exact:1e-5 {:.0} CPU s ± {:.0} %",
+            sample.len(),
+            16.0_f64.powi(i32::from(level)),
+            exact.value,
+            100.0 * exact.standard_error / exact.value
         );
-        seconds
-    };
-    for rule in ["trapezoid2d:5", "trapezoid2d:17", "trapezoid2d:65"] {
-        run(1, rule);
+        for samples in [3, 5, 9, 17, 33, 65] {
+            let rule: Method = format!("trapezoid2d:{samples}").parse().expect("a method");
+            let (red, seconds, integrals) = sample.measure(&rule, 0, 1);
+            println!(
+                "  {:14}  RED {red:7.1e}  {:9.0} CPU s ± {:2.0} %, at least {:9.0}, {integrals:.1e} integrals",
+                rule.name(),
+                seconds.value,
+                100.0 * seconds.standard_error / seconds.value,
+                seconds.at_least()
+            );
+            if red <= BAR {
+                costs.push((level, seconds.value));
+                if level == 5 {
+                    ratios(name, geometry, &sample, &rule);
+                }
+                break;
+            }
+        }
     }
-    let costs = [1, 2, 3].map(|level| run(level, "trapezoid2d:5"));
-    growth("CPU s with trapezoid2d:5", &costs);
+    fit(&format!("recursion {name}, RED 1e-3"), &costs);
+}
+
+/// The RED at which methods are compared.
+const BAR: f64 = 1e-3;
+
+/// How many times as long as blocks the recursion takes for 32^4 × RGB at the RED of
+/// the [`BAR`], in turns: part of its sample, a block.
+fn ratios(name: &str, geometry: &TransportGeometry, sample: &Sample<'_>, rule: &Method) {
+    const TURNS: usize = 5;
+    let levels = Levels::isotropic(5);
+    let emission = panes(5);
+    let reference = transport_within(geometry, &emission, levels, 5e-5);
+    let reference = reference.expect("straight grid lines").grid;
+    let block = |tolerance: f64| {
+        let clock = ProcessTime::now();
+        let found = transport_within(geometry, &emission, levels, tolerance);
+        (found.expect("straight grid lines").grid, clock.elapsed().as_secs_f64())
+    };
+    // The loosest tolerance that meets the bar.
+    let tolerances = [1e-2, 7e-3, 5e-3, 4e-3, 3e-3, 2e-3, 1.5e-3, 1e-3];
+    let met = tolerances.into_iter().map(|t| (t, red(&block(t).0, &reference)));
+    let Some((tolerance, red)) = met.into_iter().find(|(_, red)| *red <= BAR) else {
+        println!("ratio {name}: no block meets RED {BAR:.0e}");
+        return;
+    };
+    let mut ratios = Vec::new();
+    let (mut seconds, mut least) = (Vec::new(), f64::INFINITY);
+    for turn in 0..TURNS {
+        let (_, paper, _) = sample.measure(rule, turn, TURNS);
+        let (_, ours) = block(tolerance);
+        ratios.push(paper.value / ours);
+        seconds.push(ours);
+        least = least.min(paper.at_least() / ours);
+    }
+    ratios.sort_by(f64::total_cmp);
+    seconds.sort_by(f64::total_cmp);
+    println!(
+        "  ratio {name}, 32^4 × RGB: block RED {red:7.1e} in {:.3} CPU s; the recursion takes {:.0} times \
+         as long, {:.0} to {:.0} in {TURNS} turns; at least {least:.0} in each with 97.5 %",
+        seconds[TURNS / 2],
+        ratios[TURNS / 2],
+        ratios[0],
+        ratios[TURNS - 1]
+    );
+}
+
+/// Prints by which power of the number of cells a side costs grow: least squares of
+/// their logarithms.
+fn fit(what: &str, costs: &[(u8, f64)]) {
+    if costs.len() < 2 {
+        return;
+    }
+    let n = costs.len() as f64;
+    let points = || costs.iter().map(|&(level, cost)| (f64::from(level), cost.log2()));
+    let (x, y) = (points().map(|p| p.0).sum::<f64>() / n, points().map(|p| p.1).sum::<f64>() / n);
+    let above = points().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>();
+    let slope = above / points().map(|p| (p.0 - x).powi(2)).sum::<f64>();
+    let off = points().map(|p| (p.1 - y - slope * (p.0 - x)).abs()).fold(0.0, f64::max);
+    println!("  {what}: CPU s ∝ (cells a side)^{slope:.2}, within a factor of {:.2}", off.exp2());
 }
 
 /// Wall time from one thread and from two.
@@ -272,11 +347,7 @@ fn coefficients(name: &str, geometry: &TransportGeometry) {
             let exact = Exact { tolerance };
             let (values, seconds, spread, _) = measure(|| all(&exact));
             let red = relative_euclidean_distance(&values, &reference);
-            let slowest = pairs.iter().map(|pair| {
-                let clock = ProcessTime::now();
-                exact.integrate(pair);
-                clock.elapsed().as_secs_f64()
-            });
+            let slowest = pairs.iter().map(|pair| measure(|| exact.integrate(pair)).1);
             println!(
                 "  exact:{tolerance:.0e}  RED {red:8.1e}  {:8.3} ms each (spread {spread:4.2}), \
                  {:8.3} ms the slowest",
