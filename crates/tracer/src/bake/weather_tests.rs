@@ -57,7 +57,9 @@ fn baked(scene: &Scene, error: f64, points: &[(f64, f64)]) -> [Vec<f64>; 2] {
         let at = polygon.frame().to_local(DVec3::new(x, 0.0, z) - polygon.frame().origin);
         at.truncate() / polygon.size().expect("a rectangle")
     };
-    let smooth = bake(scene, &options(Some(error)), &|_, _| {}).expect("a bake");
+    let smooth =
+        bake(scene, &options(Some(Smooth { error, orders: Orders::default() })), &|_, _| {})
+            .expect("a bake");
     let sampler = LegendreSampler::new(&smooth.smooth[0].tree);
     let first = points.iter().map(|p| PI * f64::from(sampler.radiance(place(p), to_eye)[0]));
     let haar = bake(scene, &options(None), &|_, _| {}).expect("a bake");

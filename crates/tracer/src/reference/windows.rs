@@ -6,6 +6,7 @@ use super::receivers_of;
 use crate::bake;
 use crate::scene::Scene;
 use crate::whitted::{PatchRadiance, Sample};
+use anyhow::bail;
 use glam::{DVec3, Vec3};
 use std::f32::consts::{FRAC_1_PI, TAU};
 use wrt_core::{Emission, Frame, Lobe, Phong, Polygon};
@@ -41,13 +42,17 @@ impl WindowSum {
     ///
     /// # Errors
     ///
-    /// If nothing emits or receives, or a polygon cannot be used; by name.
+    /// If nothing emits or receives, or a polygon cannot be used, by name; or if an
+    /// emitter is a window under a sky, whose lobe is none of few terms.
     pub(crate) fn new(scene: &Scene, side: usize) -> anyhow::Result<Self> {
         let receivers = bake::receivers(scene, &mut Vec::new())?;
         let emitters = bake::emissions(scene, None)?;
         let triangles = receivers_of(scene, &receivers);
         Ok(Self {
-            emitters: emitters.iter().map(|(p, e)| Points::new(p, e, side)).collect(),
+            emitters: emitters
+                .iter()
+                .map(|(polygon, emission)| Points::new(polygon, emission, side))
+                .collect::<anyhow::Result<_>>()?,
             receivers: receivers.iter().map(|r| (*r.polygon.frame(), r.phong)).collect(),
             triangles,
         })
@@ -60,7 +65,7 @@ impl WindowSum {
 }
 
 impl Points {
-    fn new(polygon: &Polygon, emission: &Emission, side: usize) -> Self {
+    fn new(polygon: &Polygon, emission: &Emission, side: usize) -> anyhow::Result<Self> {
         let frame = polygon.frame();
         let size = polygon.size().unwrap_or_default();
         let area = size.x * size.y / (side * side) as f64;
@@ -86,11 +91,12 @@ impl Points {
         let lobe = match emission.lobe() {
             Lobe::Lambertian => None,
             Lobe::Cosine { exponent, peak } => {
-                Some((frame.to_world(peak).as_vec3(), exponent as f32))
+                Some((frame.to_world(*peak).as_vec3(), *exponent as f32))
             }
+            Lobe::Table { .. } | Lobe::Disc { .. } => bail!("a window under a sky"),
         };
         let batches = points.chunks(LANES).map(batch).collect();
-        Self { normal: frame.n.as_vec3(), lobe, batches }
+        Ok(Self { normal: frame.n.as_vec3(), lobe, batches })
     }
 }
 
@@ -224,7 +230,9 @@ mod tests {
             for exponent in [0.5, 1.0, 40.0] {
                 let phong = Phong { kd: [0.3, 0.2, 0.1], ks: [0.4, 0.5, 0.6], exponent };
                 let sum = WindowSum {
-                    emitters: vec![Points::new(&polygon, &emission, 8)],
+                    emitters: vec![
+                        Points::new(&polygon, &emission, 8).expect("a lobe of one term"),
+                    ],
                     receivers: vec![(*floor.frame(), phong)],
                     triangles: vec![vec![Some(0)]],
                 };
