@@ -41,8 +41,8 @@ fn scene(glazing: Glazing, sky: Sky) -> Scene {
 /// Irradiance of the floor as looked up, at (x, z), from a bake in the smooth basis and
 /// one in Haar's.
 fn baked(scene: &Scene, error: f64, points: &[(f64, f64)]) -> [Vec<f64>; 2] {
-    let options = |error: Option<f64>| BakeOptions {
-        smooth: error.map(|error| Smooth { error, orders: Orders::default() }),
+    let options = |smooth| BakeOptions {
+        smooth,
         levels: Levels { position: 5, direction: 4 },
         emission_level: 5,
         transport: Transport::Within(1e-3),

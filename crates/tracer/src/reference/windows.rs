@@ -6,6 +6,7 @@ use super::receivers_of;
 use crate::bake;
 use crate::scene::Scene;
 use crate::whitted::{PatchRadiance, Sample};
+use anyhow::bail;
 use glam::{DVec3, Vec3};
 use std::f32::consts::{FRAC_1_PI, TAU};
 use wrt_core::{Emission, Frame, Lobe, Phong, Polygon};
@@ -41,16 +42,17 @@ impl WindowSum {
     ///
     /// # Errors
     ///
-    /// If nothing emits or receives, or a polygon cannot be used; by name. If weather
-    /// shines through a window, whose lobe is a table.
+    /// If nothing emits or receives, or a polygon cannot be used, by name; or if an
+    /// emitter is a window under a sky, whose lobe is none of few terms.
     pub(crate) fn new(scene: &Scene, side: usize) -> anyhow::Result<Self> {
         let receivers = bake::receivers(scene, &mut Vec::new())?;
         let emitters = bake::emissions(scene, None)?;
         let triangles = receivers_of(scene, &receivers);
-        let emitters: anyhow::Result<_> =
-            emitters.iter().map(|(p, e)| Points::new(p, e, side)).collect();
         Ok(Self {
-            emitters: emitters?,
+            emitters: emitters
+                .iter()
+                .map(|(polygon, emission)| Points::new(polygon, emission, side))
+                .collect::<anyhow::Result<_>>()?,
             receivers: receivers.iter().map(|r| (*r.polygon.frame(), r.phong)).collect(),
             triangles,
         })
@@ -91,11 +93,7 @@ impl Points {
             Lobe::Cosine { exponent, peak } => {
                 Some((frame.to_world(*peak).as_vec3(), *exponent as f32))
             }
-            Lobe::Table { .. } | Lobe::Disc { .. } => {
-                anyhow::bail!(
-                    "a sum over points of a window is for authored lobes, not for weather"
-                )
-            }
+            Lobe::Table { .. } | Lobe::Disc { .. } => bail!("a window under a sky"),
         };
         let batches = points.chunks(LANES).map(batch).collect();
         Ok(Self { normal: frame.n.as_vec3(), lobe, batches })
@@ -232,7 +230,9 @@ mod tests {
             for exponent in [0.5, 1.0, 40.0] {
                 let phong = Phong { kd: [0.3, 0.2, 0.1], ks: [0.4, 0.5, 0.6], exponent };
                 let sum = WindowSum {
-                    emitters: vec![Points::new(&polygon, &emission, 8).expect("a lobe")],
+                    emitters: vec![
+                        Points::new(&polygon, &emission, 8).expect("a lobe of one term"),
+                    ],
                     receivers: vec![(*floor.frame(), phong)],
                     triangles: vec![vec![Some(0)]],
                 };

@@ -14,7 +14,7 @@ use glam::{DVec2, DVec3};
 use wrt_core::transport::{
     Exact, Integrator, Method, Pair, Support, TransportGeometry, Verdict, oracle,
 };
-use wrt_core::{Emission, Lobe, Nusselt};
+use wrt_core::{Emission, Nusselt};
 
 /// A destination cell and the source cells that it sees any of.
 struct Seen {
@@ -183,7 +183,7 @@ fn radiance(source: &Emission, j: Support) -> [f64; 3] {
     let position = usize::from(j.m[1]) << source.level() | usize::from(j.m[0]);
     let texel = source.picture()[position];
     let [low, high] = j.cosines();
-    let lobe: &Lobe = source.lobe();
+    let lobe = source.lobe();
     let at = |i: u32| (f64::from(i) + 0.5) / f64::from(SIDE);
     let directions = (0..SIDE * SIDE).filter_map(|i| {
         let mu = low + (high - low) * DVec2::new(at(i % SIDE), at(i / SIDE));
