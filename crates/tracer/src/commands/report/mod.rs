@@ -20,7 +20,7 @@ use anyhow::{Context as _, bail};
 use clap::Parser as _;
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use wrt_core::transport::{BlockOptions, TransportGeometry, transport_block};
 use wrt_core::{Grid, Levels, LobeMatrix, WctFile, reflect};
 
@@ -78,23 +78,6 @@ pub(crate) fn run(args: &cli::Everything) -> anyhow::Result<()> {
     let bench = Bench { quick: args.quick, scenes: args.scenes.clone(), output: output.clone() };
     let wanted = |part: &&Part| args.only.is_empty() || args.only.iter().any(|n| n == part.0);
     let parts: Vec<&Part> = PARTS.iter().filter(wanted).collect();
-    let bar = super::bar(parts.len() as u64, "measuring", "parts");
-    let mut sections = Vec::new();
-    for (name, measure) in parts {
-        sections.push(measure(&bench).with_context(|| format!("measuring {name}"))?);
-        bar.inc(1);
-    }
-    bar.finish_and_clear();
-    for table in sections.iter().flat_map(|section| &section.tables) {
-        super::save(&output.join(format!("{}.csv", table.name)), &table.to_csv())?;
-    }
-    for section in &sections {
-        for (i, chart) in section.charts.iter().enumerate() {
-            if let Some(svg) = chart.to_file() {
-                super::save(&output.join(format!("{}-{}.svg", section.id, i + 1)), &svg)?;
-            }
-        }
-    }
     let about = vec![
         format!("tracer {} on {}.", env!("CARGO_PKG_VERSION"), machine()),
         format!(
@@ -103,9 +86,32 @@ pub(crate) fn run(args: &cli::Everything) -> anyhow::Result<()> {
             bench.choose("Made with --quick: smaller pictures, fewer rows.", "")
         ),
     ];
-    let page = output.join("index.html");
-    super::save(&page, &Page { about, sections }.to_html())?;
-    println!("{}", page.display());
+    let path = output.join("index.html");
+    let mut page = Page { about, sections: Vec::new() };
+    let bar = super::bar(parts.len() as u64, "measuring", "parts");
+    for (name, measure) in parts {
+        let section = measure(&bench).with_context(|| format!("measuring {name}"))?;
+        save(&section, &output)?;
+        page.sections.push(section);
+        // All that there is so far: the next part may take many minutes.
+        super::save(&path, &page.to_html())?;
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    println!("{}", path.display());
+    Ok(())
+}
+
+/// Writes a section's tables and charts.
+fn save(section: &Section, output: &Path) -> anyhow::Result<()> {
+    for table in &section.tables {
+        super::save(&output.join(format!("{}.csv", table.name)), &table.to_csv())?;
+    }
+    for (i, chart) in section.charts.iter().enumerate() {
+        if let Some(svg) = chart.to_file() {
+            super::save(&output.join(format!("{}-{}.svg", section.id, i + 1)), &svg)?;
+        }
+    }
     Ok(())
 }
 
