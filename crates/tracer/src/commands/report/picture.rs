@@ -31,6 +31,10 @@ const FRAME: f64 = 960.0 * 540.0 * 16.0;
 /// Cells of an emitter, 4^level of them, that the truth is summed over.
 const TRUTH: u8 = 6;
 
+/// Levels, of position and direction together, above which a bake samples each
+/// direction cell alike: its error is the look-up's, and a tolerance costs minutes.
+const FINE: u8 = 10;
+
 /// Patches that reflect nothing.
 struct Dark(Quadrature);
 
@@ -188,7 +192,10 @@ pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
     let mut haar = Vec::new();
     for &(position, direction) in levels {
         let flags = [position.to_string(), direction.to_string()];
-        let flags = ["--level", &flags[0], "--direction-level", &flags[1], "--checks", "0"];
+        let mut flags = vec!["--level", &flags[0], "--direction-level", &flags[1], "--checks", "0"];
+        if position + direction > FINE {
+            flags.extend(["--samples", "4"]);
+        }
         let name = format!("Haar, {}² × {}² cells", 1 << position, 1 << direction);
         haar.push((name, baked(&scene, &flags)?));
     }
