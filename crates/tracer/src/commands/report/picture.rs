@@ -18,6 +18,9 @@ const FRAMES: f64 = 120.0;
 /// The error that ratios are stated for.
 const TARGET: f64 = 0.01;
 
+/// By what factor costs may differ and be called the same: how much runs of one frame do.
+const NOISE: f64 = 1.2;
+
 /// Stops at which pictures are seen.
 const EXPOSURE: f32 = 0.5;
 
@@ -327,8 +330,12 @@ fn findings(view: &View) -> Vec<String> {
     let frame = |shot: &Shot| view.scale * shot.frame.median;
     let cost = |shot: &&Shot| shot.bake + FRAMES * frame(shot);
     let baked = || view.smooth.iter().chain(&view.haar);
-    let within = baked().filter(|shot| shot.error <= TARGET);
-    let cheapest = within.min_by(|a, b| cost(a).total_cmp(&cost(b)));
+    let within = || baked().filter(|shot| shot.error <= TARGET);
+    // Frames cost the same but for noise: of the cheapest, the one baked soonest.
+    let least_cost = within().map(|shot| cost(&shot)).fold(f64::INFINITY, f64::min);
+    let cheapest = within()
+        .filter(|shot| cost(shot) <= NOISE * least_cost)
+        .min_by(|a, b| a.bake.total_cmp(&b.bake));
     let least = baked().min_by(|a, b| a.error.total_cmp(&b.error));
     let Some(best) = cheapest.or(least) else { return vec![] };
     let (percent, name, camera) = (short(100.0 * best.error), &best.name, &view.camera);
