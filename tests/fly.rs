@@ -128,10 +128,10 @@ mod stopped {
         let left = complaint.split("a.partial.png: stopped with ").nth(1);
         let left: Option<usize> = left.and_then(|rest| rest.split(' ').next()?.parse().ok());
         let left = left.unwrap_or_else(|| panic!("rows left: {complaint}"));
-        assert_eq!(folder.names(), ["a.partial.png", "a.png"]);
-        assert_eq!(fs::read(&output).expect("still there"), b"hours of work");
+        assert_eq!(folder.names(), ["a.partial.png", "a.png"], "what is there");
+        assert_eq!(fs::read(&output).expect("still there"), b"hours of work", "{complaint}");
         let partial = image::open(folder.path("a.partial.png")).expect("a PNG").into_rgb8();
-        assert_eq!(partial.dimensions(), (8, 4000));
+        assert_eq!(partial.dimensions(), (8, 4000), "a whole picture");
         // Between the rows said to be left, which are black, is what was done: nothing
         // if the signal came before the first row.
         let lit = partial.rows().filter(|row| row.clone().any(|p| p.0 != [0; 3])).count();
