@@ -1,5 +1,6 @@
 //! `tracer bake`: a scene to a `.wct` file.
 
+use super::stdout::say;
 use crate::bake::{BakeOptions, Baked, Smooth, Stage, Transport, bake};
 use crate::cli;
 use crate::scene::Scene;
@@ -58,7 +59,7 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     };
     file.write(&args.output).with_context(|| format!("writing {}", args.output.display()))?;
     let bytes = std::fs::metadata(&args.output).map_or(0, |m| m.len());
-    print!("{}", table(&baked, bytes));
+    say(table(&baked, bytes).trim_end())?;
     Ok(())
 }
 
