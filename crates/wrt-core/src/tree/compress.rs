@@ -68,7 +68,8 @@ impl Tree {
         let compression = Compression {
             before: self.len(),
             after: kept + 1,
-            relative_error: if total > 0.0 { (dropped / total).sqrt() } else { 0.0 },
+            // The sum of nothing is −0.
+            relative_error: if total > 0.0 { (dropped.abs() / total).sqrt() } else { 0.0 },
         };
         (self.filtered(&keeps), compression)
     }
