@@ -7,6 +7,7 @@ mod images;
 mod interaction;
 mod layering;
 mod paper;
+mod read_wct;
 mod render;
 mod report;
 mod smooth;
