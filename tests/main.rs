@@ -3,6 +3,7 @@
 mod bake;
 mod cli;
 mod fly;
+mod for_animation;
 mod images;
 mod interaction;
 mod layering;
