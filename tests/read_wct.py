@@ -117,12 +117,13 @@ def smooth(patch, q):
             cells.append((1, cell))
         elif byte >= 8:
             orders = (byte >> 4) + 1, (byte & 7) + 1
-            p, q_ = (order * (order + 1) // 2 for order in orders)
+            p, n = (order * (order + 1) // 2 for order in orders)
             both = [functions(*pair) for pair in zip((q[:2], st), cell, orders)]
             if both[0] is not None and both[1] is not None:
-                b = values[at : at + p * q_].reshape(p, q_, 3)
+                b = values[at : at + p * n].reshape(p, n, 3)
                 return patch["step"] * np.einsum("i,k,ikc", *both, b)
-            at += p * q_
+            at += p * n
+    return np.zeros(3)
 
 
 def functions(point, cell, order):
