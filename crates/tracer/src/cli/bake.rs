@@ -46,8 +46,8 @@ pub(crate) struct Need {
     /// rate of pictures, for pictures up to twice as wide as high. Fewer bytes and less
     /// time, for a flight alone.
     ///
-    /// For all other positions and directions there is a coarser approximation, within
-    /// some 10 %. The file says for which animation it is, and `render` and `fly` warn
+    /// For all other positions and directions there is a coarser approximation, off by
+    /// up to some 30 %. The file says for which animation it is, and `render` and `fly` warn
     /// where a camera sees more. What objects hide counts as seen. What is seen in
     /// mirrors and through refracting glass does not: it may be coarser.
     #[arg(long, value_name = "NAME")]

@@ -36,7 +36,8 @@ pub trait Radiance: Sync {
 }
 
 /// The relative error that will do for directions from which nobody looks, or twice
-/// what is asked for of the others if that is more.
+/// what is asked for of the others if that is more: coefficients are kept for it, but no
+/// cell is split, so that it can be up to three times as much.
 pub const UNSEEN_ERROR: f64 = 0.1;
 
 /// The highest orders of leaves: what a look-up may cost at most.

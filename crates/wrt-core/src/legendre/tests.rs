@@ -338,7 +338,7 @@ fn what_nobody_looks_at_is_coarse() {
             );
             assert!(made.is_seen && made.error <= asked, "{map:?}: {}", made.error);
             assert!(seen <= 1.1 * asked, "{map:?}: {seen} for {asked}");
-            assert!((asked..2.0 * UNSEEN_ERROR).contains(&rest), "{map:?}: {rest} unseen");
+            assert!((asked..3.0 * UNSEEN_ERROR).contains(&rest), "{map:?}: {rest} unseen");
             assert!(2 * made.tree.len() < whole.tree.len(), "{map:?}: {}", made.tree.len());
         }
     }
