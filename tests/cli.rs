@@ -1,7 +1,8 @@
 //! The command line: exit codes and the words a user sees.
 
-use crate::support::{Folder, fail, repository, scene, succeed, tracer};
+use crate::support::{Folder, chapel_wct, fail, repository, scene, succeed, tracer};
 use std::fs;
+use std::process::{Command, Output, Stdio};
 
 #[test]
 fn help_lists_the_commands_and_version_the_version() {
@@ -13,6 +14,46 @@ fn help_lists_the_commands_and_version_the_version() {
     let nothing = tracer(&[]);
     assert_eq!(nothing.status.code(), Some(2), "{nothing:?}");
     assert!(String::from_utf8_lossy(&nothing.stderr).contains("Usage: tracer"), "{nothing:?}");
+}
+
+/// Runs the program with `stdout` for its standard output.
+fn tracer_into(stdout: impl Into<Stdio>, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_tracer"))
+        .args(args)
+        .stdout(stdout)
+        .stderr(Stdio::piped())
+        .output()
+        .expect("the program to test")
+}
+
+/// As `tracer inspect … | head -1` may have it. 141 is what a shell reports of other
+/// programs then: 128 and SIGPIPE.
+#[cfg(unix)]
+#[test]
+fn a_closed_pipe_ends_the_program_without_a_word() {
+    let folder = Folder::new();
+    let cases = folder.path("none.json");
+    fs::write(&cases, r#"{"cases": []}"#).expect("a file");
+    let wct = chapel_wct();
+    let all: [&[&str]; 3] =
+        [&["inspect", wct], &["inspect", wct, "--json"], &["transport", &cases]];
+    for args in all {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let ended = tracer_into(writer, args);
+        assert_eq!(ended.status.code(), Some(141), "tracer {args:?}: {ended:?}");
+        assert!(ended.stderr.is_empty(), "tracer {args:?}: {ended:?}");
+    }
+}
+
+#[cfg(target_os = "linux")] // for /dev/full
+#[test]
+fn output_that_cannot_be_written_is_an_error() {
+    let full = fs::File::options().write(true).open("/dev/full").expect("always full");
+    let ended = tracer_into(full, &["inspect", chapel_wct()]);
+    assert_eq!(ended.status.code(), Some(1), "{ended:?}");
+    let complaint = String::from_utf8_lossy(&ended.stderr);
+    assert!(complaint.starts_with("tracer: writing to standard output: "), "{complaint}");
 }
 
 #[test]

@@ -81,6 +81,9 @@ mod stopped {
             assert!(ended.is_none(), "it ended before it listened: {ended:?}");
             std::thread::sleep(Duration::from_millis(50));
         }
+        // `nohup` would be of no use.
+        let heard = mask(&child.id().to_string(), "SigCgt");
+        assert_eq!(heard & HANG_UP, 0, "it listens to SIGHUP");
         // Time for a row or two.
         std::thread::sleep(Duration::from_secs(1));
         let sent = Command::new("kill").args([signal, &child.id().to_string()]).status();
@@ -95,38 +98,40 @@ mod stopped {
         mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
     }
 
-    /// SIGINT in such a mask: bit n − 1 is signal n.
-    const INTERRUPT: u64 = 1 << 1;
+    /// SIGINT and SIGTERM in such a mask: bit n − 1 is signal n.
+    const HEARD: u64 = 1 << 1 | 1 << 14;
+    /// SIGHUP.
+    const HANG_UP: u64 = 1;
 
     fn listens(process: u32) -> bool {
-        mask(&process.to_string(), "SigCgt") & INTERRUPT != 0
-    }
-
-    /// Whether this process was started deaf to Ctrl-C, as a shell starts what it runs
-    /// in the background; the programs it starts are deaf, too.
-    fn is_deaf() -> bool {
-        mask("self", "SigIgn") & INTERRUPT != 0
+        mask(&process.to_string(), "SigCgt") & HEARD == HEARD
     }
 
     #[test]
     fn ctrl_c_keeps_the_picture_that_was_there() {
-        if is_deaf() {
-            eprintln!("not tested: in the background, where Ctrl-C does nothing");
-            return;
-        }
+        keeps_the_picture_that_was_there("-INT");
+    }
+
+    /// As batch systems and service managers send it.
+    #[test]
+    fn a_request_to_terminate_keeps_the_picture_that_was_there() {
+        keeps_the_picture_that_was_there("-TERM");
+    }
+
+    fn keeps_the_picture_that_was_there(signal: &str) {
         let folder = Folder::new();
         let output = folder.path("a.png");
         fs::write(&output, "hours of work").expect("a file");
-        let ended = stopped_by("-INT", &output);
+        let ended = stopped_by(signal, &output);
         let complaint = String::from_utf8_lossy(&ended.stderr);
         assert_eq!(ended.status.code(), Some(1), "{complaint}");
         let left = complaint.split("a.partial.png: stopped with ").nth(1);
         let left: Option<usize> = left.and_then(|rest| rest.split(' ').next()?.parse().ok());
         let left = left.unwrap_or_else(|| panic!("rows left: {complaint}"));
-        assert_eq!(folder.names(), ["a.partial.png", "a.png"]);
-        assert_eq!(fs::read(&output).expect("still there"), b"hours of work");
+        assert_eq!(folder.names(), ["a.partial.png", "a.png"], "what is there");
+        assert_eq!(fs::read(&output).expect("still there"), b"hours of work", "{complaint}");
         let partial = image::open(folder.path("a.partial.png")).expect("a PNG").into_rgb8();
-        assert_eq!(partial.dimensions(), (8, 4000));
+        assert_eq!(partial.dimensions(), (8, 4000), "a whole picture");
         // Between the rows said to be left, which are black, is what was done: nothing
         // if the signal came before the first row.
         let lit = partial.rows().filter(|row| row.clone().any(|p| p.0 != [0; 3])).count();
@@ -138,9 +143,6 @@ mod stopped {
         let folder = Folder::new();
         let output = folder.path("a.png");
         fs::write(&output, "hours of work").expect("a file");
-        if is_deaf() {
-            return; // Nor would it be known when it has begun.
-        }
         stopped_by("-KILL", &output);
         assert_eq!(folder.names(), ["a.png"]);
         assert_eq!(fs::read(&output).expect("still there"), b"hours of work");

@@ -24,6 +24,8 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     match run(&cli::Args::parse()) {
         Ok(()) => ExitCode::SUCCESS,
+        // As of a program that SIGPIPE ends: whoever closed the pipe has what it wanted.
+        Err(error) if error.is::<commands::Closed>() => ExitCode::from(commands::Closed::EXIT_CODE),
         Err(error) => {
             // `{:#}` prints the chain on one line: what was being done, then why not.
             eprintln!("tracer: {error:#}");

@@ -1,5 +1,6 @@
 //! `tracer bake`: a scene to a `.wct` file.
 
+use super::stdout::say;
 use crate::bake::{BakeOptions, Baked, Flight, Smooth, Stage, Transport, bake};
 use crate::cli;
 use crate::scene::Scene;
@@ -69,7 +70,7 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     };
     file.write(&args.output).with_context(|| format!("writing {}", args.output.display()))?;
     let bytes = std::fs::metadata(&args.output).map_or(0, |m| m.len());
-    print!("{}", table(&baked, bytes, options.flight.as_ref()));
+    say(table(&baked, bytes, options.flight.as_ref()).trim_end())?;
     Ok(())
 }
 

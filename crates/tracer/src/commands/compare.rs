@@ -1,5 +1,6 @@
 //! `tracer compare`: how far apart two pictures are, in numbers and to the eye.
 
+use super::stdout::say;
 use super::view;
 use crate::cli;
 use crate::film::{Display, Film, Format, Tone};
@@ -41,11 +42,11 @@ pub(crate) fn run(args: &cli::Compare) -> anyhow::Result<()> {
         let found = json!({
             "flip": mean, "flip_max": worst, "relative_rms": rms, "relative_mse": mse,
         });
-        println!("{found:#}");
+        say(format_args!("{found:#}"))?;
     } else {
-        println!("{:<24} {mean:.5} mean, {worst:.3} at most", "FLIP");
-        println!("{:<24} {:.4} %", "relative RMS", 100.0 * rms);
-        println!("{:<24} {mse:.3e}", "relative MSE");
+        say(format_args!("{:<24} {mean:.5} mean, {worst:.3} at most", "FLIP"))?;
+        say(format_args!("{:<24} {:.4} %", "relative RMS", 100.0 * rms))?;
+        say(format_args!("{:<24} {mse:.3e}", "relative MSE"))?;
     }
     Ok(())
 }

@@ -1,5 +1,6 @@
 //! `tracer convert`: the same radiance, stored another way.
 
+use super::stdout::say;
 use crate::cli;
 use anyhow::Context as _;
 use rayon::prelude::*;
@@ -22,12 +23,17 @@ pub(crate) fn run(args: &cli::Convert) -> anyhow::Result<()> {
     file.options.insert("storage".to_owned(), storage.to_owned());
     file.write(&args.output).with_context(|| format!("writing {}", args.output.display()))?;
     let bytes = |path| std::fs::metadata(path).map_or(0, |m| m.len()) as f64 / 1e6;
-    println!("{:<24} {:.2} MB to {:.2} MB", "file", bytes(&args.input), bytes(&args.output));
+    say(format_args!(
+        "{:<24} {:.2} MB to {:.2} MB",
+        "file",
+        bytes(&args.input),
+        bytes(&args.output)
+    ))?;
     let worst = file.patches.iter().map(|patch| patch.relative_error).fold(0.0, f64::max);
-    println!(
+    say(format_args!(
         "{:<24} {:.3} % relative L2, of the worst patch",
         "error of compression",
         100.0 * worst
-    );
+    ))?;
     Ok(())
 }

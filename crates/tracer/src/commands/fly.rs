@@ -1,5 +1,6 @@
 //! `tracer fly`: the pictures of a camera's flight.
 
+use super::stdout::say;
 use super::video;
 use super::view::{Meter, Stage, named};
 use crate::cli;
@@ -80,15 +81,15 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
         fields["rendered"] = json!(rendered);
         fields["skipped"] = json!(there);
         fields["seconds_a_picture"] = json!(each);
-        println!("{fields}");
+        say(fields)?;
         return Ok(());
     }
-    println!(
+    say(format_args!(
         "{}: {rendered} pictures rendered, {there} were there, {:.2} million rays in {:.2} s, {each:.2} s a picture",
         args.output,
         meter.million_rays(),
         meter.seconds(),
-    );
+    ))?;
     Ok(())
 }
 

@@ -3,6 +3,7 @@
 mod matrix;
 mod smooth;
 
+use super::stdout::say;
 use crate::cli;
 use crate::film::{Display, Format, Tone};
 use anyhow::{Context as _, bail};
@@ -32,11 +33,11 @@ pub(crate) fn run(args: &cli::Inspect) -> anyhow::Result<()> {
     }
     let drawn = draw(args, &file)?;
     if args.json {
-        println!("{:#}", json(&file, &drawn));
+        say(format_args!("{:#}", json(&file, &drawn)))?;
     } else {
-        print!("{}", table(&file));
+        say(table(&file).trim_end())?;
         for drawn in &drawn {
-            println!("{drawn}");
+            say(drawn)?;
         }
     }
     Ok(())

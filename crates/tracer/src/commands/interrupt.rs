@@ -1,19 +1,41 @@
-//! Ctrl-C: the first asks for an end, the second makes it.
+//! Ctrl-C and requests to terminate: the first asks for an end, the second makes it.
+//!
+//! A hang-up is left as it is, so that `nohup` keeps its word.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
-static STOP: AtomicBool = AtomicBool::new(false);
-
-/// Listens for Ctrl-C and for a request to terminate, and returns what becomes true
-/// when one comes.
+/// Listens for SIGINT and SIGTERM, and returns what becomes true when one comes.
 ///
 /// Where listening fails, they end the program as ever.
 pub(super) fn listen() -> &'static AtomicBool {
-    let _ = ctrlc::set_handler(|| {
-        if STOP.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-        eprintln!("tracer: stopping after the rows begun; once more to stop at once");
-    });
+    static STOP: AtomicBool = AtomicBool::new(false);
+    static LISTENING: std::sync::Once = std::sync::Once::new();
+    LISTENING.call_once(|| start(&STOP));
     &STOP
 }
+
+#[cfg(unix)]
+fn start(stop: &'static AtomicBool) {
+    use signal_hook::consts::{SIGINT, SIGTERM};
+    use signal_hook::iterator::Signals;
+    use std::io::Write as _;
+    use std::sync::atomic::Ordering;
+
+    let Ok(mut signals) = Signals::new([SIGINT, SIGTERM]) else { return };
+    std::thread::spawn(move || {
+        for signal in signals.forever() {
+            if stop.swap(true, Ordering::Relaxed) {
+                // What a shell reports of a program that the signal ended.
+                std::process::exit(128 + signal);
+            }
+            // The terminal may be gone, which is no reason to panic.
+            let _ = writeln!(
+                std::io::stderr(),
+                "tracer: stopping after the rows begun; once more to stop at once"
+            );
+        }
+    });
+}
+
+#[cfg(not(unix))]
+fn start(_: &'static AtomicBool) {}

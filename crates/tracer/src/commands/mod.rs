@@ -11,9 +11,12 @@ pub(crate) mod report;
 pub(crate) mod report_integrators;
 pub(crate) mod report_oracle;
 pub(crate) mod report_rays;
+mod stdout;
 pub(crate) mod transport;
 mod video;
 mod view;
+
+pub(crate) use stdout::Closed;
 
 use crate::scene::{self, Scene};
 use anyhow::Context as _;

@@ -1,5 +1,6 @@
 //! `tracer render`: a scene and a `.wct` file to a picture.
 
+use super::stdout::say;
 use super::view::{Meter, Stage, named, partial};
 use crate::cli;
 use crate::film::Format;
@@ -39,16 +40,16 @@ pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
         fields["size"] = json!([width, height]);
         fields["patches"] = json!(stage.patches());
         fields["samples"] = json!(picture.stats.samples);
-        println!("{fields}");
+        say(fields)?;
         return Ok(());
     }
-    println!(
+    say(format_args!(
         "{output}: {width}x{height}, camera {}, {} patches, {:.2} million rays in {:.2} s",
         camera.name,
         stage.patches(),
         meter.million_rays(),
         meter.seconds()
-    );
+    ))?;
     Ok(())
 }
 
@@ -75,7 +76,7 @@ fn run_reference(args: &cli::Render) -> anyhow::Result<()> {
         bail!("{}: stopped before its end: too dark in places", partial.display());
     }
     film.save(&args.output, stage.display())?;
-    println!(
+    say(format_args!(
         "{}: {width}x{height}, camera {}, {} points a pixel, {:.2} million rays in {:.2} s, error {:.3} % relative RMS, estimated",
         args.output.display(),
         camera.name,
@@ -83,7 +84,7 @@ fn run_reference(args: &cli::Render) -> anyhow::Result<()> {
         stats.rays as f64 / 1e6,
         meter.seconds(),
         100.0 * estimate.relative
-    );
+    ))?;
     if let Some(wanted) = args.reference.error.filter(|wanted| estimate.relative > *wanted) {
         eprintln!(
             "tracer: warning: --error {wanted} is not reached with the most points there are"

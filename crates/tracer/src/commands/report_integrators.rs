@@ -1,6 +1,7 @@
 //! `tracer report integrators`: the paper's comparison of integration methods
 //! (§7.1.4.3, Fig. 4 and 5) on several geometries and source functions.
 
+use super::stdout::say;
 use crate::cli::Integrators;
 use crate::plot::{Curve, Plot};
 use crate::report::time_to;
@@ -130,9 +131,9 @@ pub(crate) fn run(args: &Integrators) -> anyhow::Result<()> {
         }
     }
     write(&args.output, &problems, &measurements)?;
-    println!("{}", summary(problems.len(), &measurements));
+    say(summary(problems.len(), &measurements))?;
     let worst = problems.iter().map(|p| p.reference_error).fold(0.0, f64::max);
-    println!("The reference's own RED is estimated at {worst:.1e} or less.");
+    say(format_args!("The reference's own RED is estimated at {worst:.1e} or less."))?;
     Ok(())
 }
 

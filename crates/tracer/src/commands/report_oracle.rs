@@ -2,6 +2,7 @@
 //! (§7.2.4.1), and that quadrature agrees where it does.
 
 use super::report_integrators::geometries;
+use super::stdout::say;
 use crate::cli::Oracle;
 use anyhow::Context as _;
 use rayon::prelude::*;
@@ -73,23 +74,23 @@ pub(crate) fn run(args: &Oracle) -> anyhow::Result<()> {
     let levels = if args.quick { &LEVELS[..4] } else { &LEVELS[..] };
     let mut csv =
         String::from("geometry,source_level,dest_level,pairs,zero,whole,unknown,departure,wrong\n");
-    println!(
+    say(format_args!(
         "{:12} {:>6} {:>6} {:>8} {:>8} {:>8} {:>10} {:>6}",
         "geometry", "levels", "pairs", "zero", "whole", "unknown", "departure", "wrong"
-    );
+    ))?;
     for (name, geometry) in geometries()? {
         for &[source, dest] in levels {
             let answers = ask(&geometry, source, dest);
             let Answers { zero, whole, unknown, departure, wrong } = answers;
             let pairs = answers.pairs();
             let share = |part: usize| format!("{:.2} %", 100.0 * part as f64 / pairs as f64);
-            println!(
+            say(format_args!(
                 "{name:12} {:>6} {pairs:6} {:>8} {:>8} {:>8} {departure:10.1e} {wrong:6}",
                 format!("{source}, {dest}"),
                 share(zero),
                 share(whole),
                 share(unknown)
-            );
+            ))?;
             writeln!(
                 csv,
                 "{name},{source},{dest},{pairs},{zero},{whole},{unknown},{departure:.3e},{wrong}"

@@ -5,6 +5,7 @@
 //! random order. All go to the closest hit. `tests/embree_rays.py` measures Embree
 //! with the same mesh and rays.
 
+use super::stdout::say;
 use crate::accel::Accel;
 use crate::camera::Pinhole;
 use crate::cli::Rays;
@@ -61,7 +62,7 @@ fn measure(args: &Rays) -> anyhow::Result<()> {
             "mrays_per_second": per_second,
         });
     }
-    println!("{fields}");
+    say(fields)?;
     Ok(())
 }
 

@@ -3,6 +3,7 @@
 //! A case that cannot be computed gets an `error` in the output, beside the
 //! others' results; only a file that is no JSON at all fails the command.
 
+use super::stdout::say;
 use crate::cli;
 use crate::threads::in_pool;
 use anyhow::{Context as _, bail};
@@ -10,7 +11,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, value::RawValue};
-use std::io::{Read as _, Write as _};
+use std::io::Read as _;
 use wrt_core::transport::{CellRule, Exact, Support, TransportGeometry};
 use wrt_core::{Error, Levels, Polygon};
 
@@ -120,9 +121,7 @@ pub(crate) fn run(args: &cli::Transport) -> anyhow::Result<()> {
     let cases = in_pool(args.threads, || {
         input.cases.par_iter().map(|case| compute(case.get(), &rule)).collect()
     })?;
-    let mut out = std::io::stdout().lock();
-    serde_json::to_writer(&mut out, &Output { cases }).context("writing the results")?;
-    writeln!(out).context("writing the results")
+    say(serde_json::to_string(&Output { cases }).context("writing the results")?)
 }
 
 fn compute(text: &str, rule: &CellRule) -> CaseResult {

@@ -42,6 +42,11 @@ fn main() {
         }
     }
     for (name, geometry) in &geometries() {
+        if wanted(&format!("picture {name}")) {
+            pictures(name, geometry);
+        }
+    }
+    for (name, geometry) in &geometries() {
         if wanted(&format!("sparse {name}")) {
             sparse(name, geometry);
         }
@@ -174,6 +179,35 @@ fn blocks(name: &str, geometry: &TransportGeometry) {
         }
     }
     fit(&format!("block {name}, within 1e-3"), &costs);
+}
+
+/// Stained glass that changes at every texel, 2^`level` a side.
+fn speckles(level: u8) -> Emission {
+    let texel = |i: u32| {
+        let hash = (i.wrapping_mul(2_654_435_761) ^ i >> 7).wrapping_mul(40_503_001);
+        [8, 16, 24].map(|shift| (hash >> shift & 255) as f32 / 255.0)
+    };
+    Emission::new(level, (0..1 << (2 * u32::from(level))).map(texel).collect(), Lobe::Lambertian)
+}
+
+/// Dense blocks of pictures that have a border at every texel, by the levels of
+/// picture and positions.
+fn pictures(name: &str, geometry: &TransportGeometry) {
+    for picture in [4, 6, 8] {
+        let source = speckles(picture);
+        for position in [3, 4, 5] {
+            let levels = Levels { position, direction: 4 };
+            let within = |tolerance: f64| {
+                transport_within(geometry, &source, levels, tolerance).expect("straight grid lines")
+            };
+            let (found, seconds, spread, memory) = measure(|| within(3e-3));
+            println!(
+                "picture {name}, level {picture} onto {position}: estimate {:7.1e}  {seconds:8.3} CPU s \
+                 (spread {spread:4.2}) {memory:8.1} MiB",
+                found.relative_error
+            );
+        }
+    }
 }
 
 /// Sparse trees, levels 4 to 8, of panes as fine as the positions.

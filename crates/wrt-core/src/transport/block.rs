@@ -6,7 +6,7 @@
 
 use super::TransportGeometry;
 use super::refine::{Order, Settling, settle_all};
-use super::slice::{Image, Room, Slices};
+use super::slice::{Image, Room, Slices, Way};
 use crate::grid::{Grid, Rgb};
 use crate::{Emission, Levels, Nusselt, Result};
 use glam::DVec3;
@@ -97,7 +97,7 @@ pub fn transport_block(
     levels: Levels,
     options: BlockOptions,
 ) -> Result<Grid> {
-    let slices = Slices::new(geometry, source, levels, true)?;
+    let slices = Slices::new(geometry, source, levels, Way::Fastest)?;
     let images = (0..levels.directions())
         .into_par_iter()
         .map_init(Room::default, |room, d| {
@@ -136,7 +136,7 @@ pub fn transport_within(
     levels: Levels,
     tolerance: f64,
 ) -> Result<Transported> {
-    let slices = Slices::new(geometry, source, levels, true)?;
+    let slices = Slices::new(geometry, source, levels, Way::Fastest)?;
     let mut cells: Vec<Option<Settling>> = (0..levels.directions())
         .into_par_iter()
         .map_init(Room::default, |room, d| Settling::begin(&slices, d, room))
@@ -362,21 +362,21 @@ mod tests {
         assert!(error <= estimate && estimate <= 2e-2, "{error} ± {estimate}");
     }
 
-    /// Where footprints repeat by whole texels (rectilinear and not oblique), the
-    /// stencil and the general path give the same.
+    /// Stencils where footprints repeat by whole texels (rectilinear and not oblique),
+    /// sums between all rectilinear charts, borders everywhere.
     #[test]
-    fn repeating_footprints_change_nothing() {
+    fn all_ways_give_the_same() {
         let levels = Levels { position: 3, direction: 4 };
         for (case, geometry) in geometries().iter().enumerate() {
             let source = window(3);
-            let [fast, slow] = [true, false].map(|stencils| {
+            let [stencils, sums, slow] = [Way::Stencils, Way::Sums, Way::Outlines].map(|way| {
                 let slices =
-                    Slices::new(geometry, &source, levels, stencils).expect("straight grid lines");
-                assert_eq!(
-                    slices.repeats(),
-                    stencils && [0, 2, 3, 4].contains(&case),
-                    "case {case}"
-                );
+                    Slices::new(geometry, &source, levels, way).expect("straight grid lines");
+                let able = match way {
+                    Way::Stencils => [0, 2, 3, 4].contains(&case),
+                    _ => case < 5,
+                };
+                assert_eq!(slices.way(), if able { way } else { Way::Outlines }, "case {case}");
                 let mut room = Room::default();
                 let images = (0..levels.directions()).map(|d| {
                     let regions = slices.regions(d).into_iter();
@@ -385,8 +385,10 @@ mod tests {
                 });
                 Grid::from_images(levels, images.collect())
             });
-            let error = red(&fast, &slow);
-            assert!(error < 1e-7, "case {case}: {error}");
+            for fast in [stencils, sums] {
+                let error = red(&fast, &slow);
+                assert!(error < 1e-7, "case {case}: {error}");
+            }
         }
     }
 

@@ -15,6 +15,7 @@ mod shape;
 mod slice;
 mod sparse;
 mod stencil;
+mod summed;
 
 pub use block::{BlockOptions, Source, Transported, transport_block, transport_within};
 pub use cell::{CellRadiance, CellRule};

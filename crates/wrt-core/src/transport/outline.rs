@@ -91,6 +91,11 @@ impl Outline {
         outline
     }
 
+    /// Number of borders.
+    pub(super) fn len(&self) -> usize {
+        self.borders.len()
+    }
+
     /// Adds the part of a border in front of the destination.
     fn add(&mut self, corners: &[DVec3], numbers: &mut [u32], ends: [usize; 2], jump: Rgb) {
         let [a, b] = ends.map(|end| corners[end]);

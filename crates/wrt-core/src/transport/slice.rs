@@ -6,6 +6,7 @@ use super::cover::Cover;
 use super::directions::Region;
 use super::outline::{Outline, Plane, corners};
 use super::stencil::{Footprint, Repeat, Sample, Taps, Turned};
+use super::summed::{Summed, Sums};
 use super::{Support, TransportGeometry};
 use crate::grid::Rgb;
 use crate::{Error, Levels, Result};
@@ -29,7 +30,22 @@ pub(super) struct Slices<'a, S> {
 /// The source's pictures, prepared for how they are resampled.
 enum Pictures {
     Outlines(Vec<Outline>),
+    Summed(Vec<Summed>),
     Repeating(Repeat, Vec<Turned>),
+}
+
+/// How images are made of pictures: all ways give the same.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(not(test), expect(dead_code, reason = "tests compare the ways"))]
+pub(super) enum Way {
+    /// Whichever of the others costs least.
+    Fastest,
+    /// By stencils, where footprints repeat.
+    Stencils,
+    /// By row sums, between rectilinear charts.
+    Sums,
+    /// By the borders of the picture.
+    Outlines,
 }
 
 /// A direction, the picture seen along it, and what that counts.
@@ -46,6 +62,7 @@ pub(super) struct Room {
     rays: Vec<Ray>,
     shadows: Vec<DVec3>,
     cover: Cover,
+    sums: Sums,
     samples: Vec<Sample>,
     taps: Taps,
 }
@@ -53,8 +70,12 @@ pub(super) struct Room {
 /// Means over the positions of one direction cell.
 pub(super) type Image = Vec<[f64; 3]>;
 
+/// Steps from texel to texel along a grid line that cost as much as a border: 6 to 9,
+/// measured (`cargo bench --bench transport -- picture`).
+const STEPS_A_BORDER: usize = 8;
+
 impl<'a, S: Source> Slices<'a, S> {
-    /// Also without `stencils`, for tests, where footprints repeat.
+    /// Tests ask for one of the ways; all give the same.
     ///
     /// # Errors
     ///
@@ -63,7 +84,7 @@ impl<'a, S: Source> Slices<'a, S> {
         geometry: &'a TransportGeometry,
         source: &'a S,
         levels: Levels,
-        stencils: bool,
+        way: Way,
     ) -> Result<Self> {
         let plane = Plane::of(geometry.dest().chart(), 1 << levels.position);
         let plane = plane.ok_or(Error::BentGrid { chart: "bilinear" })?;
@@ -80,26 +101,53 @@ impl<'a, S: Source> Slices<'a, S> {
             visible: within(visible(geometry, source_corners, dest_corners), geometry, source),
             pictures: Pictures::Outlines(Vec::new()),
         };
-        let side = 1 << source.level();
-        let repeat = slices.repeat().filter(|_| stencils);
-        let pictures = source.pictures().into_iter();
-        slices.pictures = match repeat {
-            Some(repeat) => {
-                Pictures::Repeating(repeat, pictures.map(|p| repeat.picture(p, side)).collect())
-            }
-            None => {
-                let corners = corners(geometry, side);
-                let outline = |p| Outline::new(&corners, p, side);
-                Pictures::Outlines(pictures.map(outline).collect())
-            }
-        };
+        slices.pictures = slices.prepared(way);
         Ok(slices)
     }
 
-    /// Whether footprints repeat, and stencils are used.
+    /// The source's pictures for the fastest way, or for this one if it can be gone.
+    fn prepared(&self, way: Way) -> Pictures {
+        let side = 1 << self.source.level();
+        let pictures = || self.source.pictures().into_iter();
+        let repeat = self.repeat().filter(|_| matches!(way, Way::Fastest | Way::Stencils));
+        if let Some(repeat) = repeat {
+            return Pictures::Repeating(
+                repeat,
+                pictures().map(|p| repeat.picture(p, side)).collect(),
+            );
+        }
+        let corners = corners(self.geometry, side);
+        let outlines: Vec<_> = pictures().map(|p| Outline::new(&corners, p, side)).collect();
+        let sums = match way {
+            Way::Fastest => {
+                // A line of the destination's grid crosses at most so many texels.
+                let cells = 1 << self.levels.position;
+                let steps = 2 * (cells + 1) * (2 * side + cells);
+                let borders: usize = outlines.iter().map(Outline::len).sum();
+                STEPS_A_BORDER * borders > steps * outlines.len()
+            }
+            other => matches!(other, Way::Sums),
+        };
+        // Both planes may cut an outline; sums need the whole destination in front.
+        if sums && self.is_rectilinear() && self.is_in_front() {
+            return Pictures::Summed(pictures().map(|p| Summed::new(p, side)).collect());
+        }
+        Pictures::Outlines(outlines)
+    }
+
+    /// Whether both charts are rectilinear.
+    fn is_rectilinear(&self) -> bool {
+        self.geometry.source().size().is_some() && self.geometry.dest().size().is_some()
+    }
+
+    /// The way that images are made.
     #[cfg(test)]
-    pub(super) fn repeats(&self) -> bool {
-        matches!(self.pictures, Pictures::Repeating(..))
+    pub(super) fn way(&self) -> Way {
+        match self.pictures {
+            Pictures::Outlines(_) => Way::Outlines,
+            Pictures::Summed(_) => Way::Sums,
+            Pictures::Repeating(..) => Way::Stencils,
+        }
     }
 
     /// The directions of a cell (κ fastest) from which the source can be seen.
@@ -134,6 +182,13 @@ impl<'a, S: Source> Slices<'a, S> {
                 let mut out = vec![[0.0; 3]; self.levels.positions()];
                 repeat.resample(pictures, &room.samples, cells, &mut room.taps, &mut out);
                 out.iter().any(|rgb| *rgb != [0.0; 3]).then_some(out)
+            }
+            Pictures::Summed(pictures) => {
+                room.sums.reset(cells);
+                for &Ray { picture, mu, weight } in &room.rays {
+                    pictures[picture].shine(&self.footprint(mu), weight, &mut room.sums);
+                }
+                room.sums.means()
             }
             Pictures::Outlines(outlines) => {
                 room.cover.reset(cells);
@@ -236,9 +291,8 @@ impl<'a, S: Source> Slices<'a, S> {
 
     /// The axis along which footprints repeat, if they do.
     fn repeat(&self) -> Option<Repeat> {
-        let [source, dest] = [self.geometry.source(), self.geometry.dest()];
         // The source's plane must not cut through the destination.
-        if source.size().is_none() || dest.size().is_none() || !self.is_in_front() {
+        if !self.is_rectilinear() || !self.is_in_front() {
             return None;
         }
         let [_, _, n] = self.geometry.source_axes();

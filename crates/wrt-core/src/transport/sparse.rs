@@ -4,7 +4,7 @@
 use super::TransportGeometry;
 use super::block::Source;
 use super::refine::{Order, Settling};
-use super::slice::{Room, Slices};
+use super::slice::{Room, Slices, Way};
 use crate::grid::Rgb;
 use crate::{CHILDREN, Cell, Levels, Result, Tree, children, pull};
 use rayon::prelude::*;
@@ -37,7 +37,7 @@ pub fn transport_sparse(
     levels: Levels,
     tolerance: f64,
 ) -> Result<Sparse> {
-    let slices = Slices::new(geometry, source, levels, true)?;
+    let slices = Slices::new(geometry, source, levels, Way::Fastest)?;
     let (order, usual) = probe(&slices, levels);
     let forest = Forest {
         slices: &slices,

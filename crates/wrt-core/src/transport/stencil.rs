@@ -289,17 +289,17 @@ fn add(out: &mut [[f64; 3]], texels: &[Rgb], first: isize, step: isize, weight: 
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::ConvexPolygon;
     use proptest::prelude::*;
 
-    fn image() -> Vec<Rgb> {
+    pub(in crate::transport) fn image() -> Vec<Rgb> {
         (0..16).map(|i| [(i * 7 % 11) as f32, (i % 4) as f32, f32::from(i / 4 != 2)]).collect()
     }
 
     /// The same by clipping every texel against each cell's footprint.
-    fn by_clipping(footprint: &Footprint, cells: usize) -> Vec<[f64; 3]> {
+    pub(in crate::transport) fn by_clipping(footprint: &Footprint, cells: usize) -> Vec<[f64; 3]> {
         let at = |u: usize, v: usize| {
             let step = 1.0 / cells as f64;
             footprint.origin + (footprint.du * u as f64 + footprint.dv * v as f64) * step

@@ -11,6 +11,7 @@ mod look_up;
 mod picture;
 mod transport;
 
+use super::stdout::say;
 use crate::bake::{Baked, bake, emissions, receivers};
 use crate::cli;
 use crate::report::{Page, Section, cpu_time, machine};
@@ -98,7 +99,7 @@ pub(crate) fn run(args: &cli::Everything) -> anyhow::Result<()> {
         bar.inc(1);
     }
     bar.finish_and_clear();
-    println!("{}", path.display());
+    say(path.display())?;
     Ok(())
 }
 

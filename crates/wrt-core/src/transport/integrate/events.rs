@@ -42,6 +42,11 @@ impl Event {
         (n.length() > least).then(|| Self::new(n.normalize(), 0.0, Some((corner, start, edge))))
     }
 
+    /// √(n_y² + n_z²): 0 for a circle of constant μx.
+    pub(super) fn tilt(&self) -> f64 {
+        self.tilt
+    }
+
     /// Whether the corner meets the edge itself along `mu`, not just its line.
     pub(super) fn is_active(&self, mu: DVec3) -> bool {
         let Some((corner, start, edge)) = self.meeting else { return true };

@@ -49,7 +49,7 @@ impl Integrator for Exact {
         // Shorter ones can hardly prove so many digits.
         let first_rule = usize::from(self.tolerance < 1e-8);
         let pieces = Piece::all(pair, &events, &strips, first_rule, &mut evaluations);
-        let at = Pieces::of(pair, &events, &strips);
+        let at = Pieces::of(pair, &events);
         let (value, error) = integral(&at, pieces, self.tolerance, &mut evaluations);
         let scale = 0.25 * pair.scale();
         let rounding = 4.0 * f64::EPSILON * value;

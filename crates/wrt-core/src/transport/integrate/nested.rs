@@ -77,10 +77,10 @@ pub(super) const RULES: [&[Node]; 3] = [&SHORT, &MEDIUM, &LONG];
 /// from the shorter one within.
 ///
 /// For an analytic integrand the longer rule, of about twice the degree, has twice
-/// the digits: of e, relative, is left e². Half of that gain is claimed, e √(10 e):
+/// the digits: of e, relative, is left e². Half of that gain is claimed, 10 e √e:
 /// what the shorter rule sees may not be what the longer one misses.
 pub(super) fn error(difference: f64, value: f64) -> f64 {
-    let gain = if value == 0.0 { 1.0 } else { (10.0 * difference / value.abs()).sqrt().min(1.0) };
+    let gain = if value == 0.0 { 1.0 } else { (100.0 * difference / value.abs()).sqrt().min(1.0) };
     difference * gain
 }
 

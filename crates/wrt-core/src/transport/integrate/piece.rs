@@ -11,7 +11,7 @@ use glam::DVec3;
 use std::rc::Rc;
 
 /// What bounds a piece in φ.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Bound {
     /// One of the two roots of an event.
     Event { index: usize, root: usize },
@@ -33,7 +33,7 @@ impl Bound {
 /// φ between two bounds.
 #[derive(Clone, Debug)]
 pub(super) struct Piece {
-    strip: usize,
+    strip: Strip,
     bounds: [Bound; 2],
     low: [f64; 2],
     high: [f64; 2],
@@ -68,13 +68,21 @@ impl Piece {
         rule: usize,
         evaluations: &mut u64,
     ) -> Vec<Self> {
-        let mut pieces = Vec::new();
+        let mut pieces: Vec<Self> = Vec::new();
         let [low, high] = pair.dest_box();
         let mut cuts: Vec<(f64, Bound)> = Vec::new();
-        for (strip, range) in strips.iter().enumerate() {
-            let (sine, cosine) = range.at(0.5).0.sin_cos();
+        // What the strip before has between which bounds: a piece, by number, or
+        // nothing. A cut changes only what meets at its breakpoints.
+        let mut before: Vec<([Bound; 2], Option<usize>)> = Vec::new();
+        let mut open = Vec::new();
+        for (i, strip) in strips.iter().enumerate() {
+            if i == 0 || !strips[i - 1].continues_in(strip) {
+                before.clear();
+            }
+            let (sine, cosine) = strip.at(0.5).0.sin_cos();
             let ends = [Bound::Border(low.y), Bound::Border(high.y)];
             let [Some(first), Some(last)] = ends.map(|end| end.at(events, sine, cosine)) else {
+                before.clear();
                 continue;
             };
             cuts.clear();
@@ -94,23 +102,36 @@ impl Piece {
                 if to.0 - from.0 <= 1e-15 {
                     continue;
                 }
-                let middle = direction(sine, cosine, 0.5 * (from.0 + to.0));
-                *evaluations += 1;
-                // G is constant between events, and so is A = 0.
-                if pair.leaves_in_cell(middle) && pair.area(middle) > 0.0 {
+                let bounds = [from.1, to.1];
+                let known = before.iter().find(|(other, _)| *other == bounds).map(|k| k.1);
+                let piece = known.unwrap_or_else(|| {
+                    let middle = direction(sine, cosine, 0.5 * (from.0 + to.0));
+                    *evaluations += 1;
+                    // G is constant between events, and so is A = 0.
+                    if !pair.leaves_in_cell(middle) || pair.area(middle) <= 0.0 {
+                        return None;
+                    }
                     // Nearer to one bound, where the shape is the same.
                     let other = direction(sine, cosine, 0.9 * from.0 + 0.1 * to.0);
                     pieces.push(Self {
-                        strip,
-                        bounds: [from.1, to.1],
+                        strip: *strip,
+                        bounds,
                         low: [0.0; 2],
                         high: [1.0; 2],
                         rules: [rule; 2],
                         shape: Shape::of(pair, middle, other).map(Rc::new),
                     });
+                    Some(pieces.len() - 1)
+                });
+                if let (Some(_), Some(piece)) = (known, piece) {
+                    let all = &mut pieces[piece].strip;
+                    *all = all.joined(strip);
                 }
+                open.push((bounds, piece));
                 from = to;
             }
+            std::mem::swap(&mut before, &mut open);
+            open.clear();
         }
         pieces
     }
@@ -126,7 +147,7 @@ impl Piece {
         let mut coarse_columns = [0.0; nested::LONGEST];
         for node in rules[0] {
             let s = self.low[0] + wide * node.x;
-            let (theta, slope) = at.strips[self.strip].at(s);
+            let (theta, slope) = self.strip.at(s);
             let (sine, cosine) = theta.sin_cos();
             let [from, to] = self.bounds.map(|bound| bound.at(at.events, sine, cosine));
             let (Some(from), Some(to)) = (from, to) else { continue };
@@ -190,7 +211,6 @@ impl Piece {
 pub(super) struct Pieces<'a, 'b> {
     pub(super) pair: &'a Pair<'b>,
     pub(super) events: &'a [Event],
-    pub(super) strips: &'a [Strip],
     rounding: Rounding,
     /// Whether longer rules gain what they do for functions analytic well beyond
     /// their piece. Near a corner that is all but doubled a perspective chart's
@@ -199,7 +219,7 @@ pub(super) struct Pieces<'a, 'b> {
 }
 
 impl<'a, 'b> Pieces<'a, 'b> {
-    pub(super) fn of(pair: &'a Pair<'b>, events: &'a [Event], strips: &'a [Strip]) -> Self {
+    pub(super) fn of(pair: &'a Pair<'b>, events: &'a [Event]) -> Self {
         let smooth = match pair.geometry().dest().chart() {
             Chart::Perspective { to_uv, .. } => {
                 let corners = pair.dests().iter().flat_map(|dest| dest.vertices());
@@ -210,7 +230,7 @@ impl<'a, 'b> Pieces<'a, 'b> {
             }
             Chart::Rectilinear { .. } | Chart::Bilinear { .. } => true,
         };
-        Self { pair, events, strips, rounding: Rounding::of(pair), smooth }
+        Self { pair, events, rounding: Rounding::of(pair), smooth }
     }
 }
 
