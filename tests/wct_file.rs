@@ -4,7 +4,6 @@ use proptest::prelude::*;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -13,7 +12,7 @@ use wrt_core::wct_file::{ChartKind, MAGIC, MAJOR, Side};
 use wrt_core::{Error, Keep, Levels, Patch, PatchGeometry, TreeBuilder, WctFile};
 
 /// Two patches, one of them of a constant radiance.
-fn tiny() -> WctFile {
+pub(crate) fn tiny() -> WctFile {
     let levels = Levels { position: 1, direction: 2 };
     let image = |d: usize| {
         let texel = |p: usize| [d as f32, p as f32 * 0.25, (d * p % 3) as f32];
@@ -454,42 +453,5 @@ fn writes_until_killed() {
     for i in 0_u64.. {
         let generator = format!("writer {i}{}", " ".repeat(i as usize % 7 * 100_000));
         WctFile { generator, ..tiny() }.write(&path).expect("a write");
-    }
-}
-
-/// The second implementation of the format, in another language, agrees.
-#[test]
-fn python_evaluates_the_same() {
-    let python = std::env::var_os("PYTHON").unwrap_or_else(|| "python3".into());
-    let has_numpy = Command::new(&python).args(["-c", "import numpy"]).output();
-    if !has_numpy.is_ok_and(|output| output.status.success()) {
-        println!("skipped: no {} with numpy (PYTHON=... names another)", python.display());
-        return;
-    }
-    let file = tiny();
-    let points: Vec<[f64; 4]> =
-        (0..64_u32).map(|i| [3, 5, 7, 11].map(|k| f64::from(i * k % 64) / 64.0 + 0.003)).collect();
-    for patch in &file.patches {
-        let lines = points.iter().map(|q| q.map(|x| x.to_string()).join(" ") + "\n");
-        let mut child = Command::new(&python)
-            .arg(golden("../read_wct.py"))
-            .args([golden("tiny.wct").as_os_str(), patch.name.as_ref()])
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("python starts");
-        let mut stdin = child.stdin.take().expect("a pipe");
-        stdin.write_all(lines.collect::<String>().as_bytes()).expect("python reads");
-        drop(stdin);
-        let output = child.wait_with_output().expect("python ends");
-        let printed = String::from_utf8(output.stdout).expect("UTF-8");
-        assert_eq!(printed.lines().count(), points.len(), "{printed}");
-        for (line, q) in printed.lines().zip(&points) {
-            let found = line.split(' ').map(|x| x.parse::<f64>().expect("a number"));
-            for (a, b) in found.zip(patch.tree.eval(*q)) {
-                // Sums of the same single-precision numbers in another order.
-                assert!((a - b).abs() < 1e-12, "{q:?}: {a} {b}");
-            }
-        }
     }
 }

@@ -2,6 +2,7 @@
 
 mod check;
 mod emitters;
+mod flight;
 mod receivers;
 mod smooth;
 #[cfg(test)]
@@ -11,6 +12,7 @@ use crate::scene::Scene;
 use check::{Checked, check};
 pub(crate) use emitters::emissions;
 use emitters::{Emitter, emitters};
+pub(crate) use flight::Flight;
 use glam::DVec3;
 use rayon::prelude::*;
 pub(crate) use receivers::{Receiver, receivers};
@@ -34,6 +36,8 @@ use wrt_core::{
 pub(crate) struct BakeOptions {
     /// How in a smooth basis; `None` for Haar.
     pub(crate) smooth: Option<Smooth>,
+    /// Whose views alone are wanted, in a smooth basis; `None` for all.
+    pub(crate) flight: Option<Flight>,
     /// Levels of the incident and of the reflected radiance.
     pub(crate) levels: Levels,
     /// Level of the emitters' pictures.
@@ -105,6 +109,9 @@ pub(crate) struct Baked {
     /// Of the reflected radiance, summed over the patches.
     pub(crate) before: usize,
     pub(crate) after: usize,
+    /// Smooth patches that somebody looks at: all, if not baked for a flight. The errors
+    /// are theirs.
+    pub(crate) seen: usize,
     /// Coefficients that the full basis would have; 0 for a smooth one, which has no
     /// end.
     pub(crate) full: usize,
@@ -191,7 +198,7 @@ pub(crate) fn bake(
                     clock.time(Stage::Check, || {
                         let sampler = Sampler::new(&tree);
                         let look_up = |q: [f64; 4], _| sampler.multilinear(q);
-                        let own = check(receiver, &direct, &look_up, options.checks);
+                        let own = check(receiver, &direct, None, &look_up, options.checks);
                         checked.add(&own);
                         own.relative()
                     })

@@ -1,6 +1,6 @@
 //! A baked patch against direct quadrature over the emitters.
 
-use super::receivers::Receiver;
+use super::{flight::Flight, receivers::Receiver};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use wrt_core::{Emission, Nusselt, Polygon, Rgb, gather};
@@ -24,11 +24,12 @@ impl Checked {
 }
 
 /// Looks the patch up, by (u, v, κ, λ) or by direction, at well-spread points and
-/// directions and compares with direct quadrature over the emitters: the error that a
-/// picture will have.
+/// directions, of those from which `flight` sees the points if there is one, and compares
+/// with direct quadrature over the emitters: the error that a picture will have.
 pub(super) fn check(
     receiver: &Receiver,
     emitters: &[(Polygon, Emission)],
+    flight: Option<&Flight>,
     look_up: &(impl Fn([f64; 4], DVec3) -> Rgb + Sync),
     count: u32,
 ) -> Checked {
@@ -39,14 +40,25 @@ pub(super) fn check(
         0.628_706_721_037_808_8,
         0.538_597_257_223_608_1,
     ];
+    /// Points looked at for each that a flight is to see.
+    const TRIES: u64 = 400;
     let size = receiver.polygon.size().unwrap_or_default();
-    let parts: Vec<Checked> = (1..=count)
+    let frame = receiver.polygon.frame();
+    let candidate = |i: u64| {
+        let q = STEP.map(|step| (0.5 + i as f64 * step).fract());
+        let to_eye = Nusselt { kappa: q[2], lambda: q[3] }.to_direction()?;
+        let point = frame.point(DVec2::new(q[0], q[1]) * size);
+        let is_seen = flight.is_none_or(|flight| flight.sees(point, frame.to_world(to_eye)));
+        is_seen.then_some((q, to_eye, point))
+    };
+    let count = u64::from(count);
+    let candidates: Vec<_> = match flight {
+        None => (1..=count).filter_map(candidate).collect(),
+        Some(_) => (1..=TRIES * count).filter_map(candidate).take(count as usize).collect(),
+    };
+    let parts: Vec<Checked> = candidates
         .into_par_iter()
-        .filter_map(|i| {
-            let q = STEP.map(|step| (0.5 + f64::from(i) * step).fract());
-            let to_eye = Nusselt { kappa: q[2], lambda: q[3] }.to_direction()?;
-            let frame = receiver.polygon.frame();
-            let point = frame.point(DVec2::new(q[0], q[1]) * size);
+        .map(|(q, to_eye, point)| {
             let cells = 1 << emitters.iter().map(|e| e.1.level()).max().unwrap_or(0);
             let exact = gather(emitters, frame, point, &receiver.phong, to_eye, cells);
             let found = look_up(q, to_eye);
@@ -55,7 +67,7 @@ pub(super) fn check(
                 sum.error += (exact - f64::from(found)).powi(2);
                 sum.reference += exact * exact;
             }
-            Some(sum)
+            sum
         })
         .collect();
     let mut sum = Checked::default();

@@ -3,12 +3,15 @@
 use super::check::{Checked, check};
 use super::emitters::emitters;
 use super::receivers::{Receiver, receivers};
-use super::{BakeOptions, Baked, Clock, Hash, Smooth, Stage};
+use super::{BakeOptions, Baked, Clock, Flight, Hash, Smooth, Stage};
 use crate::scene::Scene;
+use glam::{DVec2, DVec3};
 use wrt_core::beams::{AreaLight, Illuminant};
-use wrt_core::legendre::{LegendreSampler, ProjectOptions, Projected, Reflected, project};
+use wrt_core::legendre::{
+    LegendreSampler, ProjectOptions, Projected, Radiance, Reflected, ViewSet, project,
+};
 use wrt_core::wct_file::ChartKind;
-use wrt_core::{Emission, PatchGeometry, Polygon, SmoothPatch};
+use wrt_core::{DirectionMap, Emission, Frame, PatchGeometry, Polygon, SmoothPatch};
 
 /// Bakes all receivers with the same relative error each.
 pub(super) fn bake(
@@ -31,20 +34,27 @@ pub(super) fn bake(
     // A picture half as fine as the lights' is another quadrature.
     let direct: Vec<(Polygon, Emission)> =
         emitters.into_iter().map(|e| (e.polygon, e.emission)).collect();
+    let flight = options.flight.as_ref();
     let (mut energy, mut lost) = (0.0, 0.0);
     let mut checked = Checked::default();
     progress(0, receivers.len());
     for (i, receiver) in receivers.iter().enumerate() {
         hash.receiver(receiver);
-        let Projected { tree, error: told, norm_squared } = clock.time(Stage::Reflect, || {
+        let made = clock.time(Stage::Reflect, || {
             let reflected = Reflected::new(&receiver.polygon, &receiver.phong, &lights);
+            let frame = receiver.polygon.frame();
+            let size = receiver.polygon.size().unwrap_or_default();
             let options = ProjectOptions { error, orders, ..ProjectOptions::default() };
-            project(&reflected, &options)
+            project(&Watched { reflected, frame, size, flight }, &options)
         });
+        let Projected { tree, error: told, norm_squared, is_seen } = made;
         baked.after += tree.len();
-        energy += norm_squared;
-        lost += norm_squared * told * told;
-        if told > error {
+        if is_seen {
+            baked.seen += 1;
+            energy += norm_squared;
+            lost += norm_squared * told * told;
+        }
+        if is_seen && told > error {
             baked.warnings.push(format!(
                 "receiver \"{}\": {:.2} % is the best that the basis does, where {:.2} % is asked for",
                 receiver.planar.name,
@@ -53,12 +63,12 @@ pub(super) fn bake(
             ));
         }
         let mut patch = patch(receiver, tree, told);
-        if options.checks > 0 {
+        if options.checks > 0 && is_seen {
             let own = clock.time(Stage::Check, || {
                 let sampler = LegendreSampler::new(&patch.tree);
                 let look_up =
-                    |q: [f64; 4], to_eye| sampler.radiance(glam::DVec2::new(q[0], q[1]), to_eye);
-                check(receiver, &direct, &look_up, options.checks)
+                    |q: [f64; 4], to_eye| sampler.radiance(DVec2::new(q[0], q[1]), to_eye);
+                check(receiver, &direct, flight, &look_up, options.checks)
             });
             patch.error_estimate = own.relative();
             checked.add(&own);
@@ -71,6 +81,37 @@ pub(super) fn bake(
     baked.times = clock.times;
     baked.input_hash = hash.0;
     Ok(baked)
+}
+
+/// What a surface reflects, looked at by the cameras of a flight or, if there is none,
+/// from everywhere.
+struct Watched<'a> {
+    reflected: Reflected<'a>,
+    frame: &'a Frame,
+    size: DVec2,
+    flight: Option<&'a Flight>,
+}
+
+impl<'a> Radiance for Watched<'a> {
+    type Place = <Reflected<'a> as Radiance>::Place;
+
+    fn place(&self, uv: DVec2) -> Self::Place {
+        self.reflected.place(uv)
+    }
+
+    fn radiance(&self, place: &Self::Place, mu: DVec3) -> [f64; 3] {
+        self.reflected.radiance(place, mu)
+    }
+
+    fn scale(&self) -> f64 {
+        self.reflected.scale()
+    }
+
+    fn views(&self, map: DirectionMap, uv: DVec2, reach: f64) -> Option<ViewSet> {
+        let point = self.frame.point(uv * self.size);
+        let within = (reach * self.size).length();
+        self.flight.map(|flight| flight.views(map, self.frame, point, within))
+    }
 }
 
 fn patch(receiver: &Receiver, tree: wrt_core::legendre::LegendreTree, told: f64) -> SmoothPatch {

@@ -43,6 +43,7 @@ fn scene(glazing: Glazing, sky: Sky) -> Scene {
 fn baked(scene: &Scene, error: f64, points: &[(f64, f64)]) -> [Vec<f64>; 2] {
     let options = |smooth| BakeOptions {
         smooth,
+        flight: None,
         levels: Levels { position: 5, direction: 4 },
         emission_level: 5,
         transport: Transport::Within(1e-3),

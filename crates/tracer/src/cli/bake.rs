@@ -21,7 +21,9 @@ pub(crate) struct Bake {
     #[command(flatten)]
     pub(crate) weather: super::Weather,
 
-    /// Store the incident radiance of each receiver too, as NAME.incident.
+    #[command(flatten)]
+    pub(crate) need: Need,
+
     /// Haar: store the incident radiance of each receiver too, as NAME.incident.
     #[arg(long)]
     pub(crate) incident: bool,
@@ -34,6 +36,29 @@ pub(crate) struct Bake {
     /// Threads to use; 0 is one per core. The result does not depend on it.
     #[arg(short, long, value_name = "N", default_value_t = 0)]
     pub(crate) threads: usize,
+}
+
+/// For whom to bake.
+#[derive(Clone, Debug, ClapArgs)]
+#[command(next_help_heading = "Need")]
+pub(crate) struct Need {
+    /// Smooth: keep the error only where the cameras of the animation NAME look, at any
+    /// rate of pictures, for pictures up to twice as wide as high. Fewer bytes and less
+    /// time, for a flight alone.
+    ///
+    /// For all other positions and directions there is a coarser approximation, off by
+    /// up to some 30 %. The file says for which animation it is, and `render` and `fly` warn
+    /// where a camera sees more. What objects hide counts as seen. What is seen in
+    /// mirrors and through refracting glass does not: it may be coarser.
+    #[arg(long, value_name = "NAME")]
+    pub(crate) for_animation: Option<String>,
+
+    /// Metres that a camera may be off the animation's path, and a point outside its
+    /// picture. If not given: 2 % of the diagonal of the box around the path and all
+    /// receivers.
+    #[arg(long, value_name = "M", requires = "for_animation", value_parser = margin,
+          allow_negative_numbers = true)]
+    pub(crate) margin: Option<f64>,
 }
 
 /// What a patch's radiance is expanded in.
@@ -178,6 +203,13 @@ fn error(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(x) if (1e-5..=0.5).contains(&x) => Ok(x),
         _ => Err("must be a number from 1e-5 to 0.5".to_owned()),
+    }
+}
+
+fn margin(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x >= 0.0 && x.is_finite() => Ok(x),
+        _ => Err("must be a length of 0 or more, in metres".to_owned()),
     }
 }
 

@@ -1,7 +1,7 @@
 //! `tracer bake`: a scene to a `.wct` file.
 
 use super::stdout::say;
-use crate::bake::{BakeOptions, Baked, Smooth, Stage, Transport, bake};
+use crate::bake::{BakeOptions, Baked, Flight, Smooth, Stage, Transport, bake};
 use crate::cli;
 use crate::scene::Scene;
 use crate::threads::in_pool;
@@ -23,6 +23,13 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
         .with_context(|| format!("{}", args.scene.display()))?;
     let mut options = options(&args.accuracy, args.incident)?;
     options.quantise = !args.raw;
+    if let Some(name) = &args.need.for_animation {
+        if options.smooth.is_none() {
+            bail!("--for-animation is for the smooth basis; Haar's levels are equal everywhere");
+        }
+        let flight = Flight::new(&scene, name, args.need.margin);
+        options.flight = Some(flight.with_context(|| format!("{}", args.scene.display()))?);
+    }
     let baked = baked(&scene, &options, args.threads)
         .with_context(|| format!("baking {}", args.scene.display()))?;
     let mut recorded = BTreeMap::new();
@@ -47,6 +54,10 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
             },
         );
     }
+    if let Some(flight) = &options.flight {
+        recorded.insert(super::ANIMATION.to_owned(), flight.name().to_owned());
+        recorded.insert(super::MARGIN.to_owned(), flight.margin().to_string());
+    }
     if let Some(sky) = &scene.sky {
         recorded.insert(super::SKY.to_owned(), sky.to_string());
     }
@@ -59,7 +70,7 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     };
     file.write(&args.output).with_context(|| format!("writing {}", args.output.display()))?;
     let bytes = std::fs::metadata(&args.output).map_or(0, |m| m.len());
-    say(table(&baked, bytes).trim_end())?;
+    say(table(&baked, bytes, options.flight.as_ref()).trim_end())?;
     Ok(())
 }
 
@@ -85,6 +96,7 @@ pub(crate) fn options(accuracy: &cli::Accuracy, incident: bool) -> anyhow::Resul
     let full = levels.positions() * levels.directions();
     Ok(BakeOptions {
         smooth,
+        flight: None,
         levels,
         // A smooth basis looks at the picture's moments in cells of any size.
         emission_level: if smooth.is_some() { 7 } else { (position + 1).max(6) },
@@ -133,7 +145,7 @@ pub(crate) fn baked(scene: &Scene, options: &BakeOptions, threads: usize) -> any
 }
 
 /// The summary: coefficients, compression, error, time per stage.
-fn table(baked: &Baked, bytes: u64) -> String {
+fn table(baked: &Baked, bytes: u64, flight: Option<&Flight>) -> String {
     use std::fmt::Write as _;
     let mut out = String::new();
     let mut row = |what: &str, value: String| {
@@ -154,6 +166,10 @@ fn table(baked: &Baked, bytes: u64) -> String {
         row("error of compression", format!("{:.3} % relative L2", 100.0 * baked.dropped));
     } else {
         row("patches", format!("{}, smooth", baked.smooth.len()));
+        if let Some(flight) = flight {
+            let (name, margin, seen) = (flight.name(), flight.margin(), baked.seen);
+            row("baked for", format!("animation {name} and {margin:.3} m around, {seen} seen"));
+        }
         row("coefficients", format!("{} × RGB", baked.after));
         row("file", format!("{:.2} MB", bytes as f64 / 1e6));
         row("error of what is left out", format!("{:.3} % relative L2", 100.0 * baked.dropped));

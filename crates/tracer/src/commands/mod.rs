@@ -36,6 +36,11 @@ fn load(path: &Path) -> anyhow::Result<Scene> {
 /// What weather a file was baked under, among the options in it.
 const SKY: &str = "sky";
 
+/// Which animation a file was baked for, among the options in it, and with what margin in
+/// metres.
+const ANIMATION: &str = "animation";
+const MARGIN: &str = "animation_margin";
+
 /// Lights the scene's windows by the weather that the flags or the scene ask for.
 fn light_windows(scene: &mut Scene, weather: &crate::cli::Weather) -> anyhow::Result<()> {
     if let Some(sky) = weather.sky()? {

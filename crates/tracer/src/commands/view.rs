@@ -1,6 +1,7 @@
 //! What `render` and `fly` share: a scene with its radiance, ready for cameras.
 
 use crate::accel::Accel;
+use crate::bake::Flight;
 use crate::cli;
 use crate::film::{Display, Film, Format, Layers, Metadata, Tone};
 use crate::reference::{Estimate, Lighting, ReferenceOptions, Target, render_reference};
@@ -15,6 +16,7 @@ use indicatif::ProgressBar;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 use wrt_core::WctFile;
 
@@ -27,6 +29,9 @@ pub(super) struct Stage<'a> {
     view: &'a cli::View,
     path: PathBuf,
     stop: &'static AtomicBool,
+    /// What the radiance was baked for, if not for all views; taken when a camera that
+    /// sees more has been told of.
+    flight: Mutex<Option<Flight>>,
 }
 
 /// One picture, rendered as far as it was wanted.
@@ -70,11 +75,13 @@ impl<'a> Stage<'a> {
                 "tracer: the scene has no light: a default one shines from behind the first camera"
             );
         }
+        let mut flight = None;
         let texture = match &view.wct {
             Some(path) => WctFile::read(path)
                 .map_err(anyhow::Error::from)
                 .and_then(|file| {
                     warn_of_other_weather(&file, &scene, path);
+                    flight = baked_for(&file, &scene, path);
                     WctTexture::bind(&file.patches, &file.smooth, &scene)
                 })
                 .map(Some)
@@ -94,14 +101,16 @@ impl<'a> Stage<'a> {
             }
         };
         let (path, stop) = (path.to_owned(), super::interrupt::listen());
-        Ok(Self { accel: Accel::new(&scene), scene, texture, view, path, stop })
+        let flight = Mutex::new(flight);
+        Ok(Self { accel: Accel::new(&scene), scene, texture, view, path, stop, flight })
     }
 
     /// Loads the scene to be rendered without wavelets.
     pub(super) fn without_radiance(path: &Path, view: &'a cli::View) -> anyhow::Result<Self> {
         let scene = super::load(path)?;
         let (path, stop) = (path.to_owned(), super::interrupt::listen());
-        Ok(Self { accel: Accel::new(&scene), scene, texture: None, view, path, stop })
+        let flight = Mutex::new(None);
+        Ok(Self { accel: Accel::new(&scene), scene, texture: None, view, path, stop, flight })
     }
 
     /// Says what of `animation` the baked radiance does not follow, and takes the patches
@@ -142,6 +151,7 @@ impl<'a> Stage<'a> {
         progress: &(dyn Fn(u64) + Sync),
     ) -> anyhow::Result<Picture> {
         let options = self.options(camera)?;
+        self.warn_of_other_view(camera, options.width as f64 / options.height as f64);
         let patches = self.texture.as_ref().map(|texture| texture as &dyn PatchRadiance);
         let (scene, accel) = (&self.scene, &self.accel);
         let (film, stats) = render(scene, accel, patches, camera, &options, progress)?;
@@ -200,6 +210,18 @@ impl<'a> Stage<'a> {
             background: Vec3::ZERO,
             stop: Some(self.stop),
         })
+    }
+
+    /// Says so, once, where a camera sees what the radiance was not baked for.
+    fn warn_of_other_view(&self, camera: &Camera, aspect: f64) {
+        let mut flight = self.flight.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(own) = flight.take_if(|flight| !flight.covers(camera, aspect)) {
+            eprintln!(
+                "tracer: warning: baked for animation \"{}\", of which the view of camera \"{}\" is not: its light may be coarse",
+                own.name(),
+                camera.name
+            );
+        }
     }
 
     /// Whether Ctrl-C was pressed.
@@ -316,6 +338,18 @@ impl Meter {
             "mrays_per_second": self.million_rays() / self.seconds(),
         })
     }
+}
+
+/// The flight that a file was baked for. Says so where the scene has it not.
+fn baked_for(file: &WctFile, scene: &Scene, path: &Path) -> Option<Flight> {
+    let name = file.options.get(super::ANIMATION)?;
+    let margin = file.options.get(super::MARGIN).and_then(|margin| margin.parse().ok());
+    Flight::new(scene, name, margin)
+        .inspect_err(|error| {
+            let path = path.display();
+            eprintln!("tracer: warning: {path}: baked for an animation alone: {error}");
+        })
+        .ok()
 }
 
 /// Says so where a file was baked under another sky than the scene is shown under.

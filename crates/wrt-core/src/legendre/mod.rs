@@ -18,15 +18,18 @@ mod prune;
 mod reflected;
 mod sampled;
 mod sampler;
+mod sampling;
 mod tree;
+mod views;
 
 #[cfg(test)]
 mod tests;
 
-pub use project::{Orders, ProjectOptions, Projected, Radiance, project};
+pub use project::{Orders, ProjectOptions, Projected, Radiance, UNSEEN_ERROR, project};
 pub use reflected::Reflected;
 pub use sampler::LegendreSampler;
 pub use tree::{Census, LegendreTree, MAX_DEPTH, MAX_TREE_ORDER};
+pub use views::ViewSet;
 
 /// Polynomials of two variables of total degree below `order`: p (p + 1)/2.
 pub(crate) const fn terms(order: usize) -> usize {

@@ -1,7 +1,8 @@
 //! What is left out so that the bytes that stay buy the most.
 
-use super::project::{Orders, Position, ProjectOptions};
+use super::project::{Orders, ProjectOptions};
 use super::sampled::Sampled;
+use super::sampling::Position;
 use super::terms;
 use super::tree::{Cells, LegendreTree, NOWHERE, POSITION, SPLIT, leaf_byte};
 
@@ -11,14 +12,15 @@ const LEAF: f64 = 0.5;
 /// A tree, and how it was found.
 pub(super) struct Pruning {
     pub(super) tree: LegendreTree,
-    /// Weighted energy of what is left out.
+    /// Weighted energy of what is left out of that which is seen.
     pub(super) error: f64,
     /// The logarithm of the price.
     price: f64,
 }
 
 /// Merges cells, lowers orders and rounds until the weighted energy of what is left
-/// out is `allowed`. `norm` is a bound on it; `last` is what was found for another.
+/// out where somebody looks is `allowed`. `norm` is a bound on it; `last` is what was found for another;
+/// `unseen` is what an error's square counts where nobody looks.
 ///
 /// One number rules all: the energy that a basis function must have to be kept, three
 /// channels together. For each cell the cheapest of all pairs of orders, and of
@@ -30,12 +32,13 @@ pub(super) fn prune<P>(
     norm: f64,
     allowed: f64,
     last: Option<&Pruning>,
+    unseen: f64,
     options: &ProjectOptions,
 ) -> Pruning {
     /// How far from the last price one is looked for, and how closely.
     const NEAR: f64 = 3.0;
     const CLOSE: f64 = 1e-3;
-    let make = |price: f64| Pruned::new(positions, options.orders, price.exp());
+    let make = |price: f64| Pruned::new(positions, options.orders, price.exp(), unseen);
     // The price of the whole lies between nothing and everything.
     let (mut low, mut high) = ((norm * 1e-24).ln(), norm.ln());
     if let Some(last) = last {
@@ -52,17 +55,19 @@ pub(super) fn prune<P>(
 }
 
 struct Pruned {
+    /// Weight of what nobody looks at.
+    unseen: f64,
     shape: Vec<u8>,
     step: f64,
     quanta: Vec<i32>,
-    /// Weighted energy of all that was left out.
+    /// Weighted energy of what was left out of that which is seen.
     error: f64,
 }
 
 impl Pruned {
-    fn new<P>(positions: &[Position<P>], orders: Orders, price: f64) -> Self {
-        let mut pruned =
-            Self { shape: Vec::new(), step: step(price), quanta: Vec::new(), error: 0.0 };
+    fn new<P>(positions: &[Position<P>], orders: Orders, price: f64, unseen: f64) -> Self {
+        let (shape, quanta) = (Vec::new(), Vec::new());
+        let mut pruned = Self { unseen, shape, step: step(price), quanta, error: 0.0 };
         let mut rest = positions.iter();
         pruned.add_position(Cells::default(), &mut rest, orders, price);
         pruned
@@ -83,7 +88,7 @@ impl Pruned {
             }
         } else if let Some(position) = rest.next() {
             self.shape.push(POSITION);
-            let plan = Plan::of(&position.root, orders, price);
+            let plan = Plan::of(&position.root, orders, price, self.unseen);
             self.shape.extend(plan.shape);
             for (leaf, orders) in plan.leaves {
                 self.add_leaf(leaf, orders);
@@ -102,7 +107,10 @@ impl Pruned {
                 self.quanta.push(quantum as i32);
             }
         }
-        self.error += leaf.weight() * leaf.measure * (leaf.left_out(orders) + rounding);
+        if leaf.is_seen() {
+            let weight = leaf.weight(self.unseen) * leaf.measure;
+            self.error += weight * (leaf.left_out(orders) + rounding);
+        }
     }
 }
 
@@ -125,11 +133,11 @@ struct Plan<'a> {
 }
 
 impl<'a> Plan<'a> {
-    fn of(cell: &'a Sampled, most: Orders, price: f64) -> Self {
+    fn of(cell: &'a Sampled, most: Orders, price: f64, unseen: f64) -> Self {
         if !cell.is_inside() {
             return Self { cost: 0.0, shape: vec![NOWHERE], leaves: vec![] };
         }
-        let (weight, mut best) = (cell.weight(), (f64::INFINITY, [1, 1]));
+        let (weight, mut best) = (cell.weight(unseen), (f64::INFINITY, [1, 1]));
         for p in 1..=most.position {
             for q in 1..=most.direction {
                 let functions = (terms(p) * terms(q)) as f64;
@@ -144,7 +152,7 @@ impl<'a> Plan<'a> {
         let Some(children) = &cell.children else { return whole };
         let mut split = Self { cost: price * LEAF, shape: vec![SPLIT], leaves: vec![] };
         for child in children.iter() {
-            let part = Plan::of(child, most, price);
+            let part = Plan::of(child, most, price, unseen);
             split.cost += part.cost;
             split.shape.extend(part.shape);
             split.leaves.extend(part.leaves);

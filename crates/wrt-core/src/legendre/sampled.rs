@@ -18,11 +18,14 @@ pub(super) struct Sampled {
     shells: Vec<f64>,
     /// What of them leaves leave out, by position order − 1, then direction order − 1.
     beyond: Vec<f64>,
-    /// ∫ |L|² cosθ dω du dv over it; of leaves alone.
+    /// ∫ |L|² cosθ dω du dv over what is seen of it, or all if nothing is; of leaves
+    /// alone.
     pub(super) norm: f64,
     /// The mean of cosθ dω / (ds dt).
     pub(super) measure: f64,
     pub(super) view: View,
+    /// How much of its positions and directions is seen, if any is.
+    share: f64,
     pub(super) children: Option<Box<[Self; 4]>>,
 }
 
@@ -31,14 +34,14 @@ pub(super) struct Sampled {
 pub(super) enum View {
     /// It has no directions of the hemisphere.
     Nowhere,
-    /// None that [`Radiance::is_seen`](super::Radiance::is_seen).
+    /// None of [`Radiance::views`](super::Radiance::views).
     Unseen,
     Seen,
 }
 
-/// What an error's square counts where nobody is expected to look: eight times the
-/// error is as good there.
-const UNSEEN: f64 = 1.0 / 64.0;
+/// The least share that an error's square counts for where something is seen: errors are
+/// greatest in corners, which may be all of it.
+const LEAST_SHARE: f64 = 1.0 / 32.0;
 
 impl Sampled {
     pub(super) fn new(
@@ -47,16 +50,39 @@ impl Sampled {
         b: Vec<f64>,
         norm: f64,
         measure: f64,
-        view: View,
+        (view, share): (View, f64),
     ) -> Self {
         let shells = shells(orders, &b);
         let beyond = beyond(orders, &shells);
-        Self { cell, orders, b, detail: 0.0, shells, beyond, norm, measure, view, children: None }
+        Self {
+            cell,
+            orders,
+            b,
+            detail: 0.0,
+            shells,
+            beyond,
+            norm,
+            measure,
+            view,
+            share,
+            children: None,
+        }
     }
 
-    /// What the square of an error in it counts.
-    pub(super) fn weight(&self) -> f64 {
-        if self.view == View::Seen { 1.0 } else { UNSEEN }
+    /// What the square of an error in it counts: `unseen` if nobody looks.
+    pub(super) fn weight(&self, unseen: f64) -> f64 {
+        if self.is_seen() { self.share.max(LEAST_SHARE) } else { unseen }
+    }
+
+    /// ∫ cosθ dω du dv over what is seen of it, or all if nothing is.
+    pub(super) fn projected_measure(&self) -> f64 {
+        let area = self.cell.square(0).1 * self.cell.square(1).1;
+        area * area * self.measure * self.share
+    }
+
+    /// How much of it is seen: 0 to 1.
+    pub(super) fn share(&self) -> f64 {
+        if self.view == View::Unseen { 0.0 } else { self.share }
     }
 
     pub(super) fn is_inside(&self) -> bool {
@@ -114,7 +140,7 @@ impl Sampled {
         };
         // A pixel at the horizon is as bright as any other, though such are few.
         const LEAST: f64 = 1.0;
-        tail * self.measure.max(LEAST)
+        tail * self.measure.max(LEAST) * self.share.max(LEAST_SHARE)
     }
 
     /// The energy that a leaf of these orders leaves out of what was sampled here.

@@ -265,6 +265,98 @@ fn jump(pairs: impl Iterator<Item = [[f32; 3]; 2]>) -> f64 {
     (steps / all).sqrt()
 }
 
+/// A glossy radiance that is looked at from within a cone of directions that turns with
+/// u, on the half v < ½ alone.
+struct Looked {
+    angle: f64,
+}
+
+impl Looked {
+    fn axis(uv: DVec2) -> DVec3 {
+        DVec3::new(0.6 - 0.4 * uv.x, 0.2, 0.7).normalize()
+    }
+
+    fn is_seen(&self, uv: DVec2, mu: DVec3) -> bool {
+        uv.y < 0.5 && Self::axis(uv).dot(mu) > self.angle.cos()
+    }
+}
+
+impl Radiance for Looked {
+    type Place = DVec2;
+
+    fn place(&self, uv: DVec2) -> DVec2 {
+        uv
+    }
+
+    fn radiance(&self, place: &DVec2, mu: DVec3) -> [f64; 3] {
+        glossy(*place, mu)
+    }
+
+    fn scale(&self) -> f64 {
+        0.2
+    }
+
+    fn views(&self, map: DirectionMap, uv: DVec2, reach: f64) -> Option<ViewSet> {
+        let mut views = ViewSet::none();
+        if uv.y < 0.5 + reach && self.angle > 0.0 {
+            // The axis turns by less than 1 a unit of u.
+            views.add_cone(map, Self::axis(uv), self.angle + reach);
+        }
+        Some(views)
+    }
+}
+
+/// Relative RMS error where a point is, and where it is not, among those looked at.
+fn errors(tree: &LegendreTree, looked: &Looked) -> [f64; 2] {
+    let sampler = LegendreSampler::new(tree);
+    let mut sums = [[0.0; 2]; 2];
+    for (uv, mu) in points(100_000) {
+        let [wrong, all] = &mut sums[usize::from(!looked.is_seen(uv, mu))];
+        for (found, exact) in sampler.radiance(uv, mu).into_iter().zip(glossy(uv, mu)) {
+            *wrong += (f64::from(found) - exact).powi(2);
+            *all += exact * exact;
+        }
+    }
+    sums.map(|[wrong, all]| (wrong / all).sqrt())
+}
+
+/// Where somebody looks, the error is what was asked for and what is told; elsewhere the
+/// same radiance, coarser; and functions are fewer than for all.
+#[test]
+fn what_nobody_looks_at_is_coarse() {
+    let looked = Looked { angle: 0.15 };
+    for map in [DirectionMap::EqualArea, DirectionMap::Concentric] {
+        for asked in [1e-2, 3e-3] {
+            let options = ProjectOptions { error: asked, map, ..ProjectOptions::default() };
+            let made = project(&looked, &options);
+            let whole = project(&Formula { f: glossy, scale: 0.2 }, &options);
+            let [seen, rest] = errors(&made.tree, &looked);
+            eprintln!(
+                "{map:?} {asked}: {seen:.2e} {rest:.2e} {} {}",
+                made.tree.len(),
+                whole.tree.len()
+            );
+            assert!(made.is_seen && made.error <= asked, "{map:?}: {}", made.error);
+            assert!(seen <= 1.1 * asked, "{map:?}: {seen} for {asked}");
+            assert!((asked..3.0 * UNSEEN_ERROR).contains(&rest), "{map:?}: {rest} unseen");
+            assert!(2 * made.tree.len() < whole.tree.len(), "{map:?}: {}", made.tree.len());
+        }
+    }
+}
+
+#[test]
+fn what_nobody_looks_at_at_all_is_coarse_and_not_dark() {
+    let looked = Looked { angle: 0.0 };
+    for asked in [1e-3, 0.2] {
+        let options = ProjectOptions { error: asked, ..ProjectOptions::default() };
+        let made = project(&looked, &options);
+        let [_, rest] = errors(&made.tree, &looked);
+        let wanted = UNSEEN_ERROR.max(2.0 * asked);
+        assert!(!made.is_seen && made.error <= wanted, "{}", made.error);
+        assert!((0.25 * wanted..wanted).contains(&rest), "{rest} for {wanted}");
+    }
+}
+
 /// Where two tiles of a material meet, or two cells of a tile, the radiance steps by the
 /// difference of two errors, each at the ends of polynomials, where they are greatest:
 /// within twice what was asked for.

@@ -73,8 +73,8 @@
 //! refused in these; other sections are skipped. m′ and ν have bits 0 to 3 for
 //! u, v, κ and λ; see [`Tree`] for what the numbers mean.
 //!
-//! Raw sections are for exchange: `tests/read_wct.py` reads them in plain Python. A
-//! coded tree needs this crate, and 5 to 20 times fewer bytes; `tracer convert` makes
+//! Raw sections are for exchange: `tests/read_wct.py` reads them in plain Python, smooth
+//! patches, which have no others, among them. A coded tree needs this crate, and 5 to 20 times fewer bytes; `tracer convert` makes
 //! either of the other.
 //!
 //! Every byte is covered: by a checksum, or by having to be zero. Reading needs

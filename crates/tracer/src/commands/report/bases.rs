@@ -179,37 +179,74 @@ pub(super) fn measure(bench: &Bench) -> anyhow::Result<Section> {
         "Light that the floor sends to the camera's pixels, {} × {} of them, one ray each, nothing else counted: no punctual lights, no rays. Error is the root of mean squares over the floor's pixels against a sum over 64² cells of each window. Times are CPU time of one thread. Summing is done in single precision, eight points at a time, over a grid of each window's means: the least code that one would write instead of baking. Orders are the highest degrees of polynomials, + 1, in position and direction; --error says how far each patch may be off over all directions.",
         size[0], size[1]
     )];
-    text.extend(views.iter().flat_map(|view| findings(view, &of(view))));
+    let ratios: Vec<Ratio> = views.iter().flat_map(|view| ratios(view, &of(view))).collect();
+    text.extend(summary(&ratios));
+    text.extend(ratios.iter().map(Ratio::sentence));
     let charts = views.iter().flat_map(|view| charts(view, &of(view))).collect();
+    let smooth = rows.iter().filter(|row| matches!(row.way, Way::Smooth(..)));
     Ok(Section {
         id: "bases",
         title: "Boxes, polynomials, or no texture at all",
         text,
         charts,
-        tables: vec![Table {
-            name: "bases",
-            caption: "The floor's pixels by how their light was had.".to_owned(),
-            head: vec![
-                "scene",
-                "camera",
-                "how",
-                "options",
-                "error",
-                "a pixel, ns",
-                "slowest / fastest",
-                "floor of a 512² frame, ms",
-                "bytes of the file",
-                "bake, CPU s",
-            ],
-            rows: rows.iter().map(Row::values).collect(),
-        }],
+        tables: vec![
+            Table {
+                name: "bases-ratios",
+                caption: "The smooth basis against the others at equal error: time with one fast enough for 0.5 %, bytes with the usual orders, between two files by a power law.".to_owned(),
+                head: vec![
+                    "scene",
+                    "camera",
+                    "error",
+                    "of",
+                    "against",
+                    "its cost",
+                    "smooth basis",
+                    "its options",
+                    "its cost",
+                    "times less",
+                ],
+                rows: ratios.iter().map(Ratio::values).collect(),
+            },
+            Table {
+                name: "bases-orders",
+                caption: "Look-ups by orders of position and direction.".to_owned(),
+                head: vec![
+                    "scene",
+                    "camera",
+                    "orders",
+                    "options",
+                    "error",
+                    "a look-up, ns",
+                    "bytes of the file",
+                    "bake, CPU s",
+                ],
+                rows: smooth.map(Row::look_up).collect(),
+            },
+            Table {
+                name: "bases",
+                caption: "The floor's pixels by how their light was had.".to_owned(),
+                head: vec![
+                    "scene",
+                    "camera",
+                    "how",
+                    "options",
+                    "error",
+                    "a pixel, ns",
+                    "slowest / fastest",
+                    "floor of a 512² frame, ms",
+                    "bytes of the file",
+                    "bake, CPU s",
+                ],
+                rows: rows.iter().map(Row::values).collect(),
+            },
+        ],
         ..Section::default()
     })
 }
 
 /// Orders, and the errors asked for with them.
 fn smooth(bench: &Bench) -> Vec<([u8; 2], &'static [&'static str])> {
-    const USUAL: &[&str] = &["0.05", "0.02", "0.01", "0.007", "0.005", "0.002"];
+    const USUAL: &[&str] = &["0.1", "0.05", "0.02", "0.01", "0.007", "0.005", "0.002"];
     const OTHER: &[&str] = &["0.02", "0.005"];
     bench.choose(
         vec![([4, 4], &["0.05", "0.02"][..])],
@@ -241,83 +278,193 @@ impl Row {
             self.bake.map_or(Value::Nothing, |bake| Value::Number(bake.1)),
         ]
     }
+
+    /// What a look-up with its orders costs, and is worth.
+    fn look_up(&self) -> Vec<Value> {
+        vec![
+            self.scene.into(),
+            self.camera.into(),
+            self.way.name().into(),
+            self.options.clone().into(),
+            Value::Percent(self.error),
+            Value::Number(1e9 * self.cost.median),
+            self.bake.map_or(Value::Nothing, |bake| Value::Count(bake.0)),
+            self.bake.map_or(Value::Nothing, |bake| Value::Number(bake.1)),
+        ]
+    }
 }
 
-/// Error against time and against bytes.
-fn charts((scene, camera): &(&str, &str), rows: &[&Row]) -> [Chart; 2] {
-    let mut ways: Vec<Way> = Vec::new();
-    for row in rows {
-        // Polynomials are one curve: those of the usual orders.
-        let shown = !matches!(row.way, Way::Smooth(p, q) if (p, q) != (4, 4));
-        if shown && !ways.contains(&row.way) {
-            ways.push(row.way);
-        }
-    }
-    let chart = |what: &str, label, x: &dyn Fn(&Row) -> Option<f64>| Chart {
-        title: format!("{scene}, {camera}: {what}"),
-        axes: [label, "relative RMS error"],
-        series: ways
-            .iter()
-            .map(|way| {
-                let own = rows.iter().filter(|row| row.way == *way);
-                let point = |row: &&Row| Some(Point { x: x(row)?, y: row.error, range: None });
-                Series { name: way.name(), points: own.filter_map(point).collect() }
-            })
-            .filter(|series| !series.points.is_empty())
-            .collect(),
-        ..Chart::default()
-    };
-    [
-        chart("time", "CPU time a pixel, ns", &|row| Some(1e9 * row.cost.median)),
-        chart("bytes", "bytes of the file", &|row| row.bake.map(|bake| bake.0 as f64)),
+/// Error against time and against bytes, and against time for each pair of orders.
+fn charts((scene, camera): &(&str, &str), rows: &[&Row]) -> Vec<Chart> {
+    let is_usual = |way: Way| !matches!(way, Way::Smooth(p, q) if (p, q) != (4, 4));
+    let chart =
+        |what: &str, label, shown: &dyn Fn(Way) -> bool, x: &dyn Fn(&Row) -> Option<f64>| {
+            let mut ways: Vec<Way> = Vec::new();
+            for row in rows {
+                if shown(row.way) && !ways.contains(&row.way) {
+                    ways.push(row.way);
+                }
+            }
+            Chart {
+                title: format!("{scene}, {camera}: {what}"),
+                axes: [label, "relative RMS error"],
+                series: ways
+                    .iter()
+                    .map(|way| {
+                        let own = rows.iter().filter(|row| row.way == *way);
+                        let point =
+                            |row: &&Row| Some(Point { x: x(row)?, y: row.error, range: None });
+                        Series { name: way.name(), points: own.filter_map(point).collect() }
+                    })
+                    .filter(|series| !series.points.is_empty())
+                    .collect(),
+                ..Chart::default()
+            }
+        };
+    let time = |row: &Row| Some(1e9 * row.cost.median);
+    let bytes = |row: &Row| row.bake.map(|bake| bake.0 as f64);
+    let is_smooth = |way: Way| matches!(way, Way::Smooth(..));
+    vec![
+        chart("time", "CPU time a pixel, ns", &is_usual, &time),
+        chart("bytes", "bytes of the file", &is_usual, &bytes),
+        chart("orders", "CPU time a look-up, ns", &is_smooth, &time),
     ]
 }
 
+/// What two costs are of.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Of {
+    /// A pixel's time, ns.
+    Time,
+    /// A file, bytes.
+    Bytes,
+}
+
+/// A cost by the smooth basis beside another one's, at the same error.
+struct Ratio {
+    scene: String,
+    camera: String,
+    error: f64,
+    of: Of,
+    /// What it is compared with, and its options.
+    other: String,
+    /// `None` if no run of those measured reaches the error.
+    other_cost: Option<f64>,
+    way: String,
+    /// Empty where it is between two files.
+    options: String,
+    cost: f64,
+}
+
+impl Ratio {
+    fn times(&self) -> Option<f64> {
+        self.other_cost.map(|other| other / self.cost)
+    }
+
+    fn values(&self) -> Vec<Value> {
+        let number = |x: f64| match self.of {
+            Of::Time => Value::Number(x),
+            Of::Bytes => Value::Count(x.round() as u64),
+        };
+        vec![
+            self.scene.clone().into(),
+            self.camera.clone().into(),
+            Value::Percent(self.error),
+            ["a pixel, ns", "bytes"][self.of as usize].into(),
+            self.other.clone().into(),
+            self.other_cost.map_or(Value::Nothing, number),
+            self.way.clone().into(),
+            self.options.clone().into(),
+            number(self.cost),
+            self.times().map_or(Value::Nothing, Value::Number),
+        ]
+    }
+
+    fn sentence(&self) -> String {
+        let Self { scene, camera, other, way, options, cost, .. } = self;
+        let error = short(100.0 * self.error);
+        match (self.of, self.other_cost.zip(self.times())) {
+            (Of::Time, Some((sum, times))) => format!(
+                "{scene}, camera {camera}: {error} % by {way} and {options} takes {} ns a pixel; to that error summing takes {} ns, {} times as long.",
+                short(*cost),
+                short(sum),
+                short(times)
+            ),
+            (Of::Bytes, Some((bytes, times))) => format!(
+                "{scene}, camera {camera}: to the {error} % of {other} and {bytes} bytes, the smooth basis takes {} bytes, {} times fewer.",
+                cost.round(),
+                short(times)
+            ),
+            (_, None) => format!(
+                "{scene}, camera {camera}: {error} % by {way} and {options} takes {} ns a pixel; no grid of those measured reaches it.",
+                short(*cost)
+            ),
+        }
+    }
+}
+
+/// The ranges of ratios: the two figures that the section is for.
+fn summary(ratios: &[Ratio]) -> Vec<String> {
+    let range = |of: Of| {
+        let own = ratios.iter().filter(|ratio| ratio.of == of);
+        let times: Vec<f64> = own.filter_map(Ratio::times).collect();
+        let [least, most] = [f64::min, f64::max].map(|f| times.iter().copied().reduce(f));
+        least.zip(most).map(|(least, most)| format!("{} to {}", short(least), short(most)))
+    };
+    let faster = range(Of::Time).map(|times| {
+        let target = short(100.0 * TARGET);
+        format!("At equal error of at most {target} %, look-ups of polynomials are {times} times faster than summing over the windows for every pixel.")
+    });
+    let fewer = range(Of::Bytes).map(|times| {
+        format!("At equal error, their files have {times} times fewer bytes than Haar's.")
+    });
+    faster.into_iter().chain(fewer).collect()
+}
+
 /// Ratios at equal error.
-fn findings((scene, camera): &(&str, &str), rows: &[&Row]) -> Vec<String> {
-    let is_smooth = |row: &&&Row| row.way == Way::Smooth(4, 4);
+fn ratios((scene, camera): &(&str, &str), rows: &[&Row]) -> Vec<Ratio> {
     let mut found = Vec::new();
-    let within = rows.iter().filter(is_smooth).filter(|row| row.error <= TARGET);
-    let best = within.min_by(|a, b| a.cost.median.total_cmp(&b.cost.median));
-    let curve = |rows: Vec<[f64; 2]>| {
-        let mut rows = rows;
+    let curve = |mut rows: Vec<[f64; 2]>| {
         rows.sort_by(|a, b| a[0].total_cmp(&b[0]));
         rows
     };
+    let within = |row: &&&Row| matches!(row.way, Way::Smooth(..)) && row.error <= TARGET;
+    let best = rows.iter().filter(within);
+    let best = best.min_by(|a, b| a.cost.median.total_cmp(&b.cost.median));
     let sums = rows.iter().filter(|row| row.way == Way::Sum);
     let sums = curve(sums.map(|row| [row.cost.median, row.error]).collect());
     if let Some(best) = best {
-        let ratio = time_to(&sums, best.error).map_or_else(
-            || "no grid of those measured reaches it".to_owned(),
-            |sum| {
-                format!(
-                    "summing takes {} ns, {} times as long",
-                    short(1e9 * sum),
-                    short(sum / best.cost.median)
-                )
-            },
-        );
-        found.push(format!(
-            "{scene}, camera {camera}: {} % by {} and {} takes {} ns a pixel; to that error {ratio}.",
-            short(100.0 * best.error),
-            best.way.name(),
-            best.options,
-            short(1e9 * best.cost.median),
-        ));
+        found.push(Ratio {
+            scene: (*scene).to_owned(),
+            camera: (*camera).to_owned(),
+            error: best.error,
+            of: Of::Time,
+            other: Way::Sum.name(),
+            other_cost: time_to(&sums, best.error).map(|sum| 1e9 * sum),
+            way: best.way.name(),
+            options: best.options.clone(),
+            cost: 1e9 * best.cost.median,
+        });
     }
-    let haar = rows.iter().filter(|row| row.way == Way::Multilinear);
-    let smooth = rows.iter().filter(is_smooth);
+    let usual = Way::Smooth(4, 4);
+    let smooth = rows.iter().filter(|row| row.way == usual);
     let smooth = curve(smooth.filter_map(|row| Some([row.bake?.0 as f64, row.error])).collect());
-    for haar in haar {
-        if let (Some((bytes, _)), Some(fewer)) = (haar.bake, time_to(&smooth, haar.error)) {
-            found.push(format!(
-                "{scene}, camera {camera}: to the {} % of Haar with {} and {} bytes, the smooth basis takes {} bytes, {} times fewer.",
-                short(100.0 * haar.error),
-                haar.options,
-                bytes,
-                fewer.round(),
-                short(bytes as f64 / fewer),
-            ));
+    for haar in rows.iter().filter(|row| row.way == Way::Multilinear) {
+        // No file with more error: none of as much.
+        let equal = smooth.iter().any(|run| run[1] >= haar.error);
+        let fewer = time_to(&smooth, haar.error).filter(|_| equal);
+        if let (Some((bytes, _)), Some(fewer)) = (haar.bake, fewer) {
+            found.push(Ratio {
+                scene: (*scene).to_owned(),
+                camera: (*camera).to_owned(),
+                error: haar.error,
+                of: Of::Bytes,
+                other: format!("Haar with {}", haar.options),
+                other_cost: Some(bytes as f64),
+                way: usual.name(),
+                options: String::new(),
+                cost: fewer,
+            });
         }
     }
     found
