@@ -1,8 +1,8 @@
 //! Flights and interruptions: what exists is never lost, and what is there is not
 //! done again.
 
-use crate::support::{Folder, chapel_wct, fail, scene, succeed};
-use serde_json::Value;
+use crate::support::{Folder, chapel_wct, fail, scene, succeed, tracer};
+use serde_json::{Value, json};
 use std::fs;
 
 /// A flight of three pictures, 16x9.
@@ -147,4 +147,134 @@ mod stopped {
         assert_eq!(folder.names(), ["a.png"]);
         assert_eq!(fs::read(&output).expect("still there"), b"hours of work");
     }
+}
+
+/// A card and a lamp on an arm over a floor; the arm and the card are where
+/// `placed` says, and move as `moves` says.
+fn mobile(folder: &Folder, name: &str, placed: [Value; 2], moves: bool, more: &Value) -> String {
+    let floats: &[&[f32]] = &[
+        // The floor's corners and the card's, two triangles each.
+        &[-3., 0., 3., 3., 0., 3., 3., 0., -3., -3., 0., 3., 3., 0., -3., -3., 0., -3.],
+        &[-0.5, 0., 0., 0.5, 0., 0., 0.5, 1., 0., -0.5, 0., 0., 0.5, 1., 0., -0.5, 1., 0.],
+        // Times; the arm's places by steps, the card's turns and scales.
+        &[0.0, 1.0, 2.0],
+        &[0., 2., 0., 1., 2., 0.5, 1., 3., 1.],
+        &[0., 0., 0., 1., 0., 0.6, 0., 0.8, 0., 0.8, 0., 0.6],
+        // By a spline: in-tangent, value, out-tangent.
+        &[
+            0., 0., 0., 0., 0., 0., 1., 0., 1., 0., 0., 0., 1., 2., 1., 0., 0., 0., 0., 0., 0., 2.,
+            1., -1., 0., 0., 0.,
+        ],
+    ];
+    let bytes: Vec<u8> = floats.concat().iter().flat_map(|x| x.to_le_bytes()).collect();
+    fs::write(folder.path("mobile.bin"), &bytes).expect("a writable folder");
+    let mut start = 0;
+    let (mut views, mut accessors) = (Vec::new(), Vec::new());
+    for (i, array) in floats.iter().enumerate() {
+        let (shape, width) = [("VEC3", 3), ("SCALAR", 1), ("VEC4", 4)][[0, 0, 1, 0, 2, 0][i]];
+        views.push(json!({"buffer": 0, "byteOffset": start, "byteLength": 4 * array.len()}));
+        accessors.push(json!({"bufferView": i, "componentType": 5126, "type": shape,
+                              "count": array.len() / width}));
+        start += 4 * array.len();
+    }
+    let [mut arm, mut card] = placed;
+    (arm["name"], arm["children"]) = ("arm".into(), json!([1]));
+    (card["name"], card["mesh"]) = ("card".into(), json!(1));
+    let mut value = json!({
+        "asset": {"version": "2.0"},
+        "buffers": [{"byteLength": bytes.len(), "uri": "mobile.bin"}],
+        "bufferViews": views, "accessors": accessors,
+        "materials": [{"name": "grey", "doubleSided": true}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "material": 0}]},
+                   {"primitives": [{"attributes": {"POSITION": 1}, "material": 0}]}],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.9, "znear": 0.1}}],
+        "extensionsUsed": ["KHR_lights_punctual"],
+        "extensions": {"KHR_lights_punctual": {"lights": [
+            {"type": "spot", "intensity": 30, "spot": {"outerConeAngle": 1.2}}]}},
+        "nodes": [
+            arm,
+            {"name": "lamp", "rotation": [-0.6, 0, 0, 0.8],
+             "extensions": {"KHR_lights_punctual": {"light": 0}}},
+            card,
+            {"name": "floor", "mesh": 0},
+            {"name": "eye", "camera": 0, "translation": [0, 1, 6]}
+        ],
+        "scenes": [{"nodes": [0, 2, 3, 4], "extras": {"wrt": {"ambient": [0.1, 0.1, 0.1]}}}],
+        "scene": 0
+    });
+    if moves {
+        value["animations"] = json!([{"name": "turn", "samplers": [
+            {"input": 2, "output": 3, "interpolation": "STEP"},
+            {"input": 2, "output": 4, "interpolation": "LINEAR"},
+            {"input": 2, "output": 5, "interpolation": "CUBICSPLINE"},
+        ], "channels": [
+            {"sampler": 0, "target": {"node": 0, "path": "translation"}},
+            {"sampler": 1, "target": {"node": 2, "path": "rotation"}},
+            {"sampler": 2, "target": {"node": 2, "path": "scale"}},
+        ]}]);
+    }
+    for (pointer, new) in more.as_object().into_iter().flatten() {
+        *value.pointer_mut(pointer).expect("there is one") = new.clone();
+    }
+    let path = folder.path(name);
+    fs::write(&path, value.to_string()).expect("a writable folder");
+    path
+}
+
+#[test]
+fn what_an_animation_moves_is_seen_as_if_authored_where_it_is() {
+    let folder = Folder::new();
+    let rest = || [json!({"translation": [0, 2, 0]}), json!({})];
+    let flight = mobile(&folder, "flight.gltf", rest(), true, &json!({}));
+    let quick = ["--size", "48x36", "--samples", "2"];
+    let output = folder.path("frame.#.png");
+    let printed =
+        succeed(&[&["fly", &flight, "-o", &output, "--fps", "1", "--json"][..], &quick].concat());
+    let printed: Value = serde_json::from_str(&printed).expect("JSON");
+    assert_eq!((&printed["rendered"], &printed["animation"]), (&3.into(), &"turn".into()));
+    let turned = [[0.0, 0.0, 0.0, 1.0], [0.0, 0.6, 0.0, 0.8], [0.0, 0.8, 0.0, 0.6]];
+    let scaled = [[1.0, 0.0, 1.0], [1.0, 2.0, 1.0], [2.0, 1.0, -1.0]];
+    let placed = [[0.0, 2.0, 0.0], [1.0, 2.0, 0.5], [1.0, 3.0, 1.0]];
+    let mut frames = Vec::new();
+    for i in 0..3 {
+        let authored =
+            [json!({"translation": placed[i]}), json!({"rotation": turned[i], "scale": scaled[i]})];
+        let still = mobile(&folder, "still.gltf", authored, false, &json!({}));
+        let output = folder.path("still.png");
+        succeed(&[&["render", &still, "-o", &output][..], &quick].concat());
+        let pixels = |path| image::open(path).expect("a PNG").into_rgb8().into_raw();
+        let frame = pixels(folder.path(&format!("frame.{i}.png")));
+        assert!(frame == pixels(output), "picture {i} is another");
+        assert!(frame.iter().any(|&p| p > 100), "picture {i} is dark");
+        assert!(!frames.contains(&frame), "picture {i} is as one before");
+        frames.push(frame);
+    }
+}
+
+#[test]
+fn what_moves_although_it_is_baked_is_told() {
+    let folder = Folder::new();
+    let lamp = json!({"name": "grey", "doubleSided": true, "emissiveFactor": [1, 1, 1]});
+    let mut more = json!({"/meshes/0/primitives/0/material": 0, "/materials": [{}, lamp]});
+    more["/meshes/1/primitives/0/material"] = json!(1);
+    let rest = || [json!({"translation": [0, 2, 0]}), json!({})];
+    let output = folder.path("frame.#.png");
+    let told = |path: &str| {
+        let wct = folder.path("mobile.wct");
+        succeed(&["bake", path, "-o", &wct, "--basis", "haar", "--level", "1", "--checks", "0"]);
+        let args = ["fly", path, "--wct", &wct, "-o", &output, "--end", "0", "--size", "8x6"];
+        let flown = tracer(&args);
+        assert!(flown.status.success(), "{flown:?}");
+        fs::remove_file(folder.path("frame.0.png")).expect("a picture");
+        String::from_utf8(flown.stderr).expect("UTF-8 on stderr")
+    };
+    let said = told(&mobile(&folder, "emitter.gltf", rest(), true, &more));
+    assert!(said.contains("the emitter \"card\" moves, and the bake holds still"), "{said}");
+    assert!(!said.contains("\"floor\" moves"), "{said}");
+    // The same with the parts exchanged: the floor shines on the card.
+    more["/meshes/0/primitives/0/material"] = json!(1);
+    more["/meshes/1/primitives/0/material"] = json!(0);
+    let said = told(&mobile(&folder, "receiver.gltf", rest(), true, &more));
+    assert!(said.contains("\"card\" moves, and the bake holds still"), "{said}");
+    assert!(!said.contains("the emitter"), "{said}");
 }

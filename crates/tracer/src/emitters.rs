@@ -8,8 +8,7 @@
 mod sunbeam;
 
 use crate::{
-    accel::Accel,
-    phong::Surface,
+    phong::{Source, Surface, Unshadowed},
     scene::{Lobe, Map, Material, Mesh, Scene},
 };
 use glam::{DVec2, DVec3, Vec2, Vec3};
@@ -147,27 +146,23 @@ impl AreaEmitter {
         }
     }
 
-    /// Radiance that `surface` reflects to the eye from this emitter:
+    /// Adds to `lights` what `surface` reflects to the eye of each cell:
     ///
     /// ```text
-    /// Σ_cells f_r L_e cosθ_s cosθ_d ΔA / r²
+    /// f_r L_e cosθ_s cosθ_d ΔA / r²
     /// ```
     ///
-    /// `place`, in [0, 1)², is where in its cell each point lies. Counts the rays
-    /// it casts into `rays`.
+    /// `place`, in [0, 1)², is where in its cell each point lies.
     pub(crate) fn illuminate(
         &self,
         surface: &Surface<'_>,
         place: DVec2,
-        accel: &Accel,
-        rays: &mut u64,
-    ) -> Vec3 {
+        lights: &mut Vec<Unshadowed>,
+    ) {
         if (surface.position - self.corner).dot(self.normal) <= 0.0 {
-            return Vec3::ZERO;
+            return;
         }
-        let start = accel.leave(surface.position, surface.geometric, surface.geometric);
         let place = self.cell_side * self.shape.place(place);
-        let mut radiance = Vec3::ZERO;
         for cell in &self.cells {
             let st = cell.origin + cell.sign * place;
             let point = self.corner + st.x * self.edge_u + st.y * self.edge_v;
@@ -182,45 +177,31 @@ impl AreaEmitter {
             if lobe == 0.0 {
                 continue;
             }
-            *rays += 1;
-            let visible = accel.visibility(start, point);
             // A cell is no point to what touches it: its solid angle stays
             // below that of a disc seen from its edge.
             let solid_angle = self.cell_area * cos_s / squared.max(self.cell_area / PI);
-            let weight = (lobe * cos_d * solid_angle) as f32 * visible;
-            radiance += surface.brdf.reflectance(surface.normal, to_light, surface.to_eye)
-                * cell.radiance
-                * weight;
+            let reflectance = surface.brdf.reflectance(surface.normal, to_light, surface.to_eye);
+            let radiance = reflectance * cell.radiance * (lobe * cos_d * solid_angle) as f32;
+            lights.push(Unshadowed { radiance, source: Source::Point(point) });
         }
-        radiance
     }
 
-    /// Radiance that `surface` reflects to the eye of the sunlight that goes straight
-    /// through this emitter, if that is clear glass: of the point of the sun's disc that
-    /// `place`, in [0, 1)², stands for. Counts the ray it casts into `rays`.
-    pub(crate) fn sunlight(
-        &self,
-        surface: &Surface<'_>,
-        place: DVec2,
-        accel: &Accel,
-        rays: &mut u64,
-    ) -> Vec3 {
+    /// What `surface` reflects to the eye of the sunlight that goes straight through this
+    /// emitter, if that is clear glass: of the point of the sun's disc that `place`, in
+    /// [0, 1)², stands for.
+    pub(crate) fn sunlight(&self, surface: &Surface<'_>, place: DVec2) -> Option<Unshadowed> {
         let edges = [self.edge_u, self.edge_v];
         let from = surface.position - self.corner;
-        let Some(ray) = self.sunbeam.as_ref().and_then(|beam| beam.ray(place, from, edges)) else {
-            return Vec3::ZERO;
-        };
+        let ray = self.sunbeam.as_ref().and_then(|beam| beam.ray(place, from, edges))?;
         let cosine = surface.normal.dot(ray.to_light);
         let outside = self.shape == Shape::Triangle && ray.st.element_sum() >= 1.0;
         if outside || cosine <= 0.0 || surface.geometric.dot(ray.to_light) <= 0.0 {
-            return Vec3::ZERO;
+            return None;
         }
-        let start = accel.leave(surface.position, surface.geometric, surface.geometric);
         let point = self.corner + ray.st.x * self.edge_u + ray.st.y * self.edge_v;
-        *rays += 1;
-        let weight = cosine as f32 * accel.visibility(start, point);
         let reflectance = surface.brdf.reflectance(surface.normal, ray.to_light, surface.to_eye);
-        reflectance * ray.irradiance * weight
+        let radiance = reflectance * ray.irradiance * cosine as f32;
+        Some(Unshadowed { radiance, source: Source::Point(point) })
     }
 }
 
@@ -314,7 +295,8 @@ fn parallelogram(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{accel::Hit, scene::Texture};
+    use crate::accel::{Accel, Hit};
+    use crate::scene::Texture;
     use glam::{DAffine3, Vec4};
 
     /// Unit squares that face each other at distance 1: the lower one, white,
@@ -350,10 +332,12 @@ mod tests {
                 let below = DVec3::new(at(k % n), -1.0, at(k / n));
                 let hit = accel.closest(below, DVec3::Y, 0.0, 1.5).expect("the square");
                 let surface = Surface::new(scene, &Hit { front: true, ..hit }, DVec3::Y);
-                let lit = |e: &AreaEmitter| {
-                    f64::from(e.illuminate(&surface, DVec2::splat(0.5), &accel, &mut 0).x)
-                };
-                emitters.iter().map(lit).sum::<f64>()
+                let mut lights = Vec::new();
+                for emitter in emitters {
+                    emitter.illuminate(&surface, DVec2::splat(0.5), &mut lights);
+                }
+                let shadowed = |light: &Unshadowed| light.shadowed(&surface, &accel, &mut 0).x;
+                lights.iter().map(|light| f64::from(shadowed(light))).sum::<f64>()
             })
             .sum();
         sum / (n * n) as f64
@@ -450,7 +434,8 @@ mod tests {
                         (f64::from(i) + 0.5) / f64::from(count),
                         f64::from(i) * 0.618_034,
                     );
-                    emitters[0].sunlight(&surface, place.fract(), &accel, &mut 0).x
+                    let light = emitters[0].sunlight(&surface, place.fract());
+                    light.map_or(0.0, |light| light.shadowed(&surface, &accel, &mut 0).x)
                 })
                 .sum();
             PI * f64::from(sum / count as f32)

@@ -2,8 +2,10 @@
 //! comes straight from a punctual light or from the ambient term.
 
 mod surface;
+mod unshadowed;
 
 pub(crate) use surface::Surface;
+pub(crate) use unshadowed::{Source, Unshadowed};
 
 use crate::scene::{LightKind, PunctualLight};
 use glam::{DVec3, Vec3};
@@ -96,7 +98,9 @@ mod tests {
     fn seen(scene: &Scene, light: &PunctualLight) -> f32 {
         let accel = Accel::new(scene);
         let hit = accel.closest(DVec3::Y, DVec3::NEG_Y, 0.0, 2.0).expect("the ground");
-        Surface::new(scene, &hit, DVec3::Y).lit_by(light, &accel, &mut 0).x
+        let surface = Surface::new(scene, &hit, DVec3::Y);
+        let light = surface.lit_by(light);
+        light.map_or(0.0, |light| light.shadowed(&surface, &accel, &mut 0).x)
     }
 
     #[test]

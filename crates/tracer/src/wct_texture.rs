@@ -94,6 +94,14 @@ impl WctTexture {
         Self { nearest: true, ..self }
     }
 
+    /// Takes the patches off a mesh, which is then lit as one without any; returns
+    /// whether it had some.
+    pub(crate) fn unbind(&mut self, mesh: usize) -> bool {
+        let bound = self.triangles[mesh].iter().any(Option::is_some);
+        self.triangles[mesh].fill(None);
+        bound
+    }
+
     /// How many patches are bound.
     pub(crate) fn len(&self) -> usize {
         self.patches.len()

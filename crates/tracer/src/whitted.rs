@@ -5,14 +5,19 @@
 //! mirrors and glass by recursive rays. Where a wavelet patch lies on the
 //! surface, the patch replaces the area emitters.
 
+mod refraction;
+mod turns;
+
 use crate::{
     accel::{Accel, Hit},
     camera::Beam,
     emitters::{AreaEmitter, lobe_factor},
-    phong::Surface,
+    phong::{Surface, Unshadowed},
     scene::{Lobe, Scene},
 };
 use glam::{DVec2, DVec3, Vec2, Vec3};
+use refraction::Refraction;
+use turns::Turn;
 
 /// Rays that can change a pixel by less than this, relative to the radiance
 /// they would find, are not followed.
@@ -72,18 +77,22 @@ pub(crate) struct Whitted<'a> {
 }
 
 /// One camera ray's share of randomness, and what its tree cost.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Sample {
     /// Where on the emitters' cells to look, in [0, 1)².
     pub(crate) place: DVec2,
     /// Which of the pixel's camera rays it is.
     pub(crate) index: u32,
+    /// How many of them share the shadow rays of weak lights; 0 and 1 for none.
+    pub(crate) of: u32,
     /// The pixel's own bits.
     pub(crate) scramble: u64,
     /// Rays cast, shadow rays included.
     pub(crate) rays: u64,
     /// Patches found.
     pub(crate) look_ups: u64,
+    /// Room for the lights of one surface.
+    pub(crate) lights: Vec<Unshadowed>,
 }
 
 /// What became of the ray so far.
@@ -175,30 +184,37 @@ impl Whitted<'_> {
 
     /// Radiance that the surface reflects of lights and emitters.
     fn local(&self, surface: &Surface<'_>, hit: &Hit, depth: u32, sample: &mut Sample) -> Vec3 {
-        let mut radiance = surface.ambient(self.scene.ambient);
-        for light in &self.scene.lights {
-            radiance += surface.lit_by(light, self.accel, &mut sample.rays);
-        }
+        let mut unshadowed = surface.ambient(self.scene.ambient);
+        let mut lights = std::mem::take(&mut sample.lights);
+        lights.clear();
+        lights.extend(self.scene.lights.iter().filter_map(|light| surface.lit_by(light)));
         // Another place on each emitter and at each depth.
         let (first, count) = (sample.place, self.emitters.len() as f64);
         let place = |i: usize| (first + (i as f64 + f64::from(depth) * count) * R2).fract_gl();
         // Patches do not hold it.
-        for (i, emitter) in self.emitters.iter().enumerate() {
-            radiance += emitter.sunlight(surface, place(i), self.accel, &mut sample.rays);
-        }
+        let sunlight = |(i, emitter): (usize, &AreaEmitter)| emitter.sunlight(surface, place(i));
+        lights.extend(self.emitters.iter().enumerate().filter_map(sunlight));
         let patch = self.patches.filter(|_| hit.front).and_then(|patches| {
             patches.outgoing(hit.mesh, hit.triangle, surface.position, surface.to_eye, sample)
         });
         if let Some(outgoing) = patch {
             sample.look_ups += 1;
-            return radiance + outgoing;
+            unshadowed += outgoing;
+        } else if !surface.brdf.is_black() {
+            for (i, emitter) in self.emitters.iter().enumerate() {
+                emitter.illuminate(surface, place(i), &mut lights);
+            }
         }
-        if surface.brdf.is_black() {
-            return radiance;
+        let total = unshadowed + lights.iter().map(|light| light.radiance).sum::<Vec3>();
+        let turn = Turn { of: sample.of, index: sample.index, scramble: sample.scramble };
+        let mut radiance = unshadowed;
+        for (i, light) in lights.iter().enumerate() {
+            let weight = turn.weight(i, light, total.max_element());
+            if weight > 0.0 {
+                radiance += weight * light.shadowed(surface, self.accel, &mut sample.rays);
+            }
         }
-        for (i, emitter) in self.emitters.iter().enumerate() {
-            radiance += emitter.illuminate(surface, place(i), self.accel, &mut sample.rays);
-        }
+        sample.lights = lights;
         radiance
     }
 
@@ -264,47 +280,6 @@ fn mirror_normal(surface: &Surface<'_>, direction: DVec3) -> DVec3 {
     if reflected.dot(surface.geometric) > 0.0 { n } else { surface.geometric }
 }
 
-/// How a ray splits at a dielectric.
-struct Refraction {
-    /// The fraction reflected, for unpolarised light.
-    fresnel: f64,
-    /// Where the rest goes; `None` for total internal reflection.
-    direction: Option<DVec3>,
-}
-
-impl Refraction {
-    /// A single-sided surface bounds a solid, with glass behind its front. A
-    /// double-sided one is a thin pane: the ray goes straight on, and the two
-    /// faces together reflect 2F/(1+F).
-    ///
-    /// Departs from physics in keeping radiance as it is inside glass instead of
-    /// scaling it by η²; what goes in and comes out again is the same.
-    fn new(surface: &Surface<'_>, direction: DVec3) -> Self {
-        let ior = f64::from(surface.material.ior);
-        let thin = surface.material.double_sided;
-        let eta = if surface.front || thin { ior.recip() } else { ior };
-        let cos_i = -direction.dot(surface.normal);
-        if cos_i <= 0.0 {
-            // Past the horizon of an interpolated normal: grazing incidence.
-            return Self { fresnel: 1.0, direction: None };
-        }
-        let sin2_t = eta * eta * (1.0 - cos_i * cos_i).max(0.0);
-        if sin2_t >= 1.0 {
-            return Self { fresnel: 1.0, direction: None };
-        }
-        let cos_t = (1.0 - sin2_t).sqrt();
-        let across = (eta * cos_i - cos_t) / (eta * cos_i + cos_t);
-        let along = (cos_i - eta * cos_t) / (cos_i + eta * cos_t);
-        let fresnel = 0.5 * (across * across + along * along);
-        if thin {
-            let fresnel = 2.0 * fresnel / (1.0 + fresnel);
-            return Self { fresnel, direction: Some(direction) };
-        }
-        let bent = eta * direction + (eta * cos_i - cos_t) * surface.normal;
-        Self { fresnel, direction: bent.try_normalize() }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -368,6 +343,39 @@ mod tests {
         let mut scene = lamp_over(mirror);
         scene.meshes[1].material = 0;
         assert_eq!(seen(&scene, None, DVec3::Y, DVec3::Y), Vec3::ZERO);
+    }
+
+    /// A lamp of 8 x 8 cells, half of it behind a screen: each camera ray of a pixel looks
+    /// for some of them, all together as if each looked for all.
+    #[test]
+    fn camera_rays_of_a_pixel_share_the_shadow_rays() {
+        let mut scene = lamp_over(Material::default());
+        let mut screen = square(2.0, true, 0);
+        screen.positions.iter_mut().for_each(|p| p.x += 10.3);
+        scene.meshes.push(screen);
+        let accel = Accel::new(&scene);
+        let whitted = Whitted {
+            scene: &scene,
+            accel: &accel,
+            patches: None,
+            emitters: AreaEmitter::all(&scene, 8),
+            max_depth: 8,
+            background: Vec3::ZERO,
+        };
+        let eye = Beam::thin(DVec3::Y, DVec3::new(0.0, -1.0, 0.1).normalize());
+        let seen = |index, of| {
+            let place = DVec2::splat(0.5);
+            let mut sample = Sample { place, index, of, scramble: 11, ..Sample::default() };
+            (whitted.radiance(&eye, &mut sample), sample.rays)
+        };
+        let (all, rays) = seen(0, 1);
+        assert_eq!(rays, 65, "one to the floor and one to each cell");
+        assert!(all.min_element() > 0.0, "{all}");
+        let turns: Vec<(Vec3, u64)> = (3..11).map(|index| seen(index, 8)).collect();
+        let mean = turns.iter().map(|turn| turn.0).sum::<Vec3>() / 8.0;
+        assert!(mean.abs_diff_eq(all, 1e-5 * all.max_element()), "{mean}, not {all}");
+        let shared: u64 = turns.iter().map(|turn| turn.1).sum();
+        assert!(shared < 8 * rays / 3, "{shared} rays");
     }
 
     fn glass() -> Material {

@@ -87,7 +87,8 @@ pub(crate) struct Fly {
     #[arg(long, value_name = "NAME")]
     pub(crate) animation: Option<String>,
 
-    /// Camera to look through, by name, where the animation moves several.
+    /// Camera to look through, by name: one that the animation moves, or any where it
+    /// moves meshes or lights.
     #[arg(long, value_name = "NAME")]
     pub(crate) camera: Option<String>,
 
@@ -159,8 +160,10 @@ pub(crate) struct View {
     #[arg(long, value_name = "N", default_value_t = 8)]
     pub(crate) depth: u32,
 
-    /// Cells along a side of each emitter that lights surfaces without a patch;
-    /// one shadow ray each.
+    /// Cells along a side of each emitter that lights surfaces without a patch.
+    ///
+    /// A shadow ray each; those that give little to a pixel are shared out among its
+    /// samples, as are those to lights, but not with --noise.
     #[arg(long, value_name = "N", default_value_t = 4,
           value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(crate) emitter_grid: u32,

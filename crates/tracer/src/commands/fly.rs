@@ -1,4 +1,4 @@
-//! `tracer fly`: the pictures of a camera's flight.
+//! `tracer fly`: the pictures of a camera's flight, among what moves meanwhile.
 
 use super::stdout::say;
 use super::video;
@@ -18,16 +18,18 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
         ensure!(format == Format::Png, "--video needs pictures that are .png");
         ensure!(Format::of(video)? == Format::Png, "{}: name it .png", video.display());
     }
-    let stage = Stage::open(&args.scene, &args.view)?;
+    let mut stage = Stage::open(&args.scene, &args.view)?;
     let animation = animation(&stage, args).with_context(|| format!("{}", args.scene.display()))?;
-    let times = flight::times(animation, args.fps);
+    let animation = animation.clone();
+    stage.let_move(&animation);
+    let times = flight::times(&animation, args.fps);
     let last = times.len() - 1;
     let end = args.end.unwrap_or(last);
     if args.start > end || end > last {
         bail!("--start {} --end {end}: the flight has pictures 0 to {last}", args.start);
     }
-    let camera = &stage.scene.cameras[animation.camera];
-    let (_, height) = stage.size(camera);
+    let size = stage.size(&stage.scene.cameras[animation.camera]);
+    let (_, height) = size;
     let rows = args.view.crop.map_or(height, |[_, y0, _, y1]| y1 - y0);
     let wanted: Vec<(PathBuf, f64)> = times
         .enumerate()
@@ -41,7 +43,8 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
     let meter = Meter::start();
     let mut rendered = 0;
     for (path, time) in &missing {
-        let camera = flight::camera_at(animation, &stage.scene, *time);
+        stage.pose(&animation, *time).with_context(|| format!("{}", args.scene.display()))?;
+        let camera = flight::camera_at(&animation, &stage.scene, *time);
         let picture = stage.render(&camera, format, &|rays| {
             meter.count(rays, &bar);
             bar.inc(1);
@@ -77,7 +80,7 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
         let mut fields = meter.fields();
         fields["output"] = json!(args.output);
         fields["animation"] = json!(animation.name);
-        fields["size"] = json!(stage.size(camera));
+        fields["size"] = json!(size);
         fields["rendered"] = json!(rendered);
         fields["skipped"] = json!(there);
         fields["seconds_a_picture"] = json!(each);
@@ -93,7 +96,7 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The animation of the wanted name that moves the wanted camera.
+/// The animation of the wanted name that the wanted camera sees.
 fn animation<'a>(stage: &'a Stage<'_>, args: &cli::Fly) -> anyhow::Result<&'a Animation> {
     let all = &stage.scene.animations;
     let camera_of = |a: &Animation| stage.scene.cameras[a.camera].name.clone();
@@ -103,7 +106,7 @@ fn animation<'a>(stage: &'a Stage<'_>, args: &cli::Fly) -> anyhow::Result<&'a An
     let of_camera: Vec<&Animation> = all.iter().filter(|a| camera_of(a) == *camera).collect();
     ensure!(
         !of_camera.is_empty(),
-        "no animation moves a camera named {camera:?}; those that are moved: {}",
+        "no animation has to do with a camera named {camera:?}; there are: {}",
         all.iter().map(camera_of).collect::<Vec<_>>().join(", ")
     );
     named(&of_camera, args.animation.as_deref(), |a| &a.name, "animation").copied()

@@ -6,7 +6,7 @@ use crate::cli;
 use crate::film::{Display, Film, Format, Layers, Metadata, Tone};
 use crate::reference::{Estimate, Lighting, ReferenceOptions, Target, render_reference};
 use crate::render::{Crop, RenderOptions, RenderStats, layers, render};
-use crate::scene::{Camera, Projection, Scene, surfaces};
+use crate::scene::{Animation, Camera, Moved, Projection, Scene, flight, surfaces};
 use crate::wct_texture::WctTexture;
 use crate::whitted::PatchRadiance;
 use anyhow::{Context as _, ensure};
@@ -111,6 +111,35 @@ impl<'a> Stage<'a> {
         let (path, stop) = (path.to_owned(), super::interrupt::listen());
         let flight = Mutex::new(None);
         Ok(Self { accel: Accel::new(&scene), scene, texture: None, view, path, stop, flight })
+    }
+
+    /// Says what of `animation` the baked radiance does not follow, and takes the patches
+    /// off what moves.
+    pub(super) fn let_move(&mut self, animation: &Animation) {
+        let Some(texture) = &mut self.texture else { return };
+        let emitters = surfaces::emitters(&self.scene);
+        for mover in &animation.movers {
+            let Moved::Mesh { index, .. } = mover.moved else { continue };
+            let name = &self.scene.meshes[index].name;
+            if texture.unbind(index) {
+                eprintln!(
+                    "tracer: warning: \"{name}\" moves, and the bake holds still: its baked radiance is left out, and it is lit like a surface without"
+                );
+            }
+            if emitters.iter().any(|emitter| emitter.mesh == index) {
+                eprintln!(
+                    "tracer: warning: the emitter \"{name}\" moves, and the bake holds still: baked surfaces stay lit from where it is at rest"
+                );
+            }
+        }
+    }
+
+    /// Brings what `animation` moves to where it is at a time.
+    pub(super) fn pose(&mut self, animation: &Animation, seconds: f64) -> anyhow::Result<()> {
+        if flight::pose(animation, &mut self.scene, seconds)? {
+            self.accel = Accel::new(&self.scene);
+        }
+        Ok(())
     }
 
     /// What `camera` sees, for a file of `format`; `progress` is called after each

@@ -1,7 +1,7 @@
 //! What a ray finds of a surface, its textures looked up, and how lights show there.
 
-use super::{Phong, arriving};
-use crate::accel::{Accel, Hit};
+use super::{Phong, Source, Unshadowed, arriving};
+use crate::accel::Hit;
 use crate::scene::{Map, Material, Mesh, PunctualLight, Scene};
 use glam::{DMat2, DVec2, DVec3, Vec2, Vec3, Vec4};
 
@@ -177,28 +177,24 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// Radiance reflected to the eye from `light`, shadows included. Counts the
-    /// rays it casts into `rays`.
-    pub(crate) fn lit_by(&self, light: &PunctualLight, accel: &Accel, rays: &mut u64) -> Vec3 {
+    /// What is reflected to the eye of `light`, shadows left aside; `None` where none of
+    /// it arrives.
+    pub(crate) fn lit_by(&self, light: &PunctualLight) -> Option<Unshadowed> {
         if self.brdf.is_black() {
-            return Vec3::ZERO;
+            return None;
         }
-        let Some((to_light, distance, irradiance)) = arriving(light, self.position) else {
-            return Vec3::ZERO;
-        };
+        let (to_light, distance, irradiance) = arriving(light, self.position)?;
         let cosine = self.normal.dot(to_light);
         if cosine <= 0.0 {
-            return Vec3::ZERO;
+            return None;
         }
-        *rays += 1;
-        let start = accel.leave(self.position, self.geometric, self.geometric);
-        let visible = if distance.is_finite() {
-            accel.visibility(start, light.position)
-        } else {
-            accel.visibility_along(start, to_light, distance)
-        };
         let reflectance = self.brdf.reflectance(self.normal, to_light, self.to_eye);
-        reflectance * irradiance * (visible * cosine as f32)
+        let source = if distance.is_finite() {
+            Source::Point(light.position)
+        } else {
+            Source::Direction(to_light)
+        };
+        Some(Unshadowed { radiance: reflectance * irradiance * cosine as f32, source })
     }
 
     /// k_d times the ambient radiance, less what is occluded: the classical ambient
@@ -219,6 +215,7 @@ fn weight_change(b: DVec3, c: DVec3, d: DVec3) -> DVec2 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accel::Accel;
     use crate::scene::Texture;
 
     /// A unit square in the plane z = 0 that faces +z, u along x and v along −y,

@@ -48,14 +48,18 @@ impl PixelSampler<'_> {
         // Samples are that far apart if they are spread evenly.
         let even = if noise.is_some() { samples.clamp(1, ROUND) } else { samples.max(1) };
         let step = f64::from(even).sqrt().recip() / DVec2::new(width_f, height_f);
+        // Taking turns sets a pixel's samples apart, by which noise is measured.
+        let of = if noise.is_some() { 1 } else { samples };
+        let mut lights = Vec::new();
         while tally.taken < wanted {
             let point = (shift + f64::from(tally.taken) * R4).fract_gl();
             let at_x = (x as f64 + 0.5 + tent(point.x)) / width_f;
             let at_y = (y as f64 + 0.5 + tent(point.y)) / height_f;
             let beam = self.pinhole.beam(at_x, at_y, step);
             let (place, index) = (DVec2::new(point.z, point.w), tally.taken);
-            let mut sample = Sample { place, index, scramble, ..Sample::default() };
+            let mut sample = Sample { place, index, of, scramble, lights, ..Sample::default() };
             let radiance = self.whitted.radiance(&beam, &mut sample);
+            lights = sample.lights;
             tally.sum += radiance;
             tally.squares += radiance * radiance;
             tally.rays += sample.rays;

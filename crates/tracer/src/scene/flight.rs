@@ -1,6 +1,8 @@
-//! A camera's flight: key frames into one camera for each picture.
+//! A camera's flight: key frames into one camera for each picture, and the scene about
+//! it as it is then.
 
-use super::{Animation, Camera, Scene};
+use super::{Animation, Camera, Moved, Scene};
+use anyhow::Context as _;
 use glam::{DAffine3, DQuat};
 
 /// How far, in pictures, the last one may be past the end: a glTF rounds its
@@ -44,6 +46,36 @@ pub(crate) fn camera_at(animation: &Animation, scene: &Scene, seconds: f64) -> C
     camera
 }
 
+/// Brings what `animation` moves beside its camera to where it is at a time; returns
+/// whether any of it is a mesh.
+///
+/// # Errors
+///
+/// If something is then nowhere: not finite, or a light without a direction.
+///
+/// # Panics
+///
+/// If `animation` is of another scene.
+pub(crate) fn pose(animation: &Animation, scene: &mut Scene, seconds: f64) -> anyhow::Result<bool> {
+    let mut meshes = false;
+    for mover in &animation.movers {
+        let world = mover.path.at(seconds);
+        match &mover.moved {
+            Moved::Mesh { index, shape } => {
+                let mesh = &mut scene.meshes[*index];
+                shape.place(world, mesh).with_context(|| {
+                    format!("\"{}\" of animation \"{}\" at {seconds} s", mesh.name, animation.name)
+                })?;
+                meshes = true;
+            }
+            Moved::Light(index) => scene.lights[*index].place(&world).with_context(|| {
+                format!("light {index} of animation \"{}\" at {seconds} s", animation.name)
+            })?,
+        }
+    }
+    Ok(meshes)
+}
+
 fn between(from: &DAffine3, to: &DAffine3, t: f64) -> DAffine3 {
     let turn = |place: &DAffine3| DQuat::from_mat3(&place.matrix3);
     DAffine3::from_rotation_translation(
@@ -65,7 +97,8 @@ mod tests {
             DAffine3::from_rotation_translation(DQuat::from_rotation_y(angle), DVec3::X * x)
         };
         let keys = vec![(1.0, place(0.0, 0.0)), (3.0, place(FRAC_PI_2, 4.0))];
-        let animation = Animation { name: "turn".into(), camera: 0, duration: 3.0, keys };
+        let animation =
+            Animation { name: "turn".into(), camera: 0, duration: 3.0, keys, movers: Vec::new() };
         let transform = DAffine3::IDENTITY;
         let projection = Projection::Perspective { yfov: 1.0 };
         let camera = Camera { name: "eye".into(), transform, projection, aspect: Some(1.5) };

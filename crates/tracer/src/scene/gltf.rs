@@ -12,9 +12,12 @@ mod material;
 mod nodes;
 mod primitive;
 
+pub(crate) use animation::NodePath;
+
 use super::extras::{self, NodeExtras, SceneExtras};
 use super::load::{Names, Warnings};
-use super::{Camera, LightKind, Loaded, Material, Mesh, Projection, PunctualLight, Scene};
+use super::{Camera, LightKind, Loaded, Material, Mesh, Moved, Projection};
+use super::{PunctualLight, Scene, Shape};
 use ::gltf::json::camera::Type as CameraType;
 use ::gltf::json::extensions::scene::khr_lights_punctual::{Light, Type as LightType};
 use ::gltf::json::{Camera as JsonCamera, Root};
@@ -44,25 +47,20 @@ fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
     let buffers = Buffers::load(&root, chunk, directory)?;
     let hierarchy = Hierarchy::read(&root)?;
     let mut builder = Builder::new(&root, &buffers, directory, warnings)?;
+    let moving = animation::moving(&root, &hierarchy);
     for &node in &hierarchy.order {
-        let placed = builder.node(node, hierarchy.world[node]);
+        let placed = builder.node(node, hierarchy.world[node], moving[node]);
         placed.with_context(|| label(&root, node))?;
     }
-    let Builder { mut scene, camera_nodes, textures, mut warnings, .. } = builder;
+    let Builder { mut scene, camera_nodes, moved, textures, mut warnings, .. } = builder;
     scene.textures = textures.loaded;
     scene.ambient = ambient(&root)?;
     scene.sky = sky(&root)?;
     if root.scenes.len() > 1 {
         warnings.ignored("scenes other than the default one", "");
     }
-    scene.animations = animation::read(
-        &root,
-        &root.animations,
-        &buffers,
-        &hierarchy,
-        &camera_nodes,
-        &mut warnings,
-    )?;
+    let nodes = animation::Nodes { root: &root, hierarchy: &hierarchy, cameras: &camera_nodes };
+    scene.animations = nodes.animations(&buffers, &moved, &mut warnings)?;
     Ok(Loaded { scene, warnings: warnings.into_lines() })
 }
 
@@ -89,6 +87,8 @@ struct Builder<'a> {
     plain: Option<usize>,
     /// The node of each of the scene's cameras.
     camera_nodes: Vec<usize>,
+    /// What animations can move, with its node.
+    moved: Vec<(usize, Moved)>,
     textures: Textures<'a>,
     names: Names,
     warnings: Warnings,
@@ -111,12 +111,13 @@ impl<'a> Builder<'a> {
             let material = material::read(json, &owner, &mut textures, &mut warnings);
             scene.materials.push(material.context(owner)?);
         }
-        let (plain, names, camera_nodes) = (None, Names::default(), Vec::new());
-        Ok(Self { root, buffers, scene, plain, camera_nodes, textures, names, warnings })
+        let (plain, names) = (None, Names::default());
+        let (camera_nodes, moved) = (Vec::new(), Vec::new());
+        Ok(Self { root, buffers, scene, plain, camera_nodes, moved, textures, names, warnings })
     }
 
-    /// Adds what `node` carries.
-    fn node(&mut self, node: usize, world: DAffine3) -> anyhow::Result<()> {
+    /// Adds what `node` carries, and notes it where the node is `moving`.
+    fn node(&mut self, node: usize, world: DAffine3, moving: bool) -> anyhow::Result<()> {
         let json = &self.root.nodes[node];
         let owner = label(self.root, node);
         let NodeExtras { receiver } = extras::read(&json.extras)?;
@@ -124,7 +125,11 @@ impl<'a> Builder<'a> {
             self.warnings.ignored("skins", &owner);
         }
         if let Some(index) = json.mesh {
-            self.mesh(node, get(self.root, index, "mesh")?, world, receiver)?;
+            let first = self.scene.meshes.len();
+            let shapes = self.mesh(node, get(self.root, index, "mesh")?, world, receiver)?;
+            let moved = (first..).zip(shapes.into_iter().filter(|_| moving));
+            let moved = moved.map(|(index, shape)| Moved::Mesh { index, shape: shape.into() });
+            self.moved.extend(moved.map(|moved| (node, moved)));
         } else if receiver {
             self.warnings.ignored("receiver marks on nodes without a mesh", &owner);
         }
@@ -138,18 +143,23 @@ impl<'a> Builder<'a> {
         let light = json.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref());
         if let Some(light) = light {
             let light = punctual(get(self.root, light.light, "light")?, &world)?;
+            if moving {
+                self.moved.push((node, Moved::Light(self.scene.lights.len())));
+            }
             self.scene.lights.push(light);
         }
         Ok(())
     }
 
+    /// Adds a mesh for each primitive and returns their shapes.
     fn mesh(
         &mut self,
         node: usize,
         json: &::gltf::json::Mesh,
         world: DAffine3,
         receiver: bool,
-    ) -> anyhow::Result<()> {
+    ) -> anyhow::Result<Vec<Shape>> {
+        let mut shapes = Vec::new();
         let owner = label(self.root, node);
         let given = self.root.nodes[node].name.as_ref().or(json.name.as_ref());
         let name = given.cloned().unwrap_or_else(|| format!("node{node}"));
@@ -162,13 +172,16 @@ impl<'a> Builder<'a> {
                 None => self.plain_material(),
             };
             let warnings = &mut self.warnings;
-            let read = primitive::read(self.buffers, primitive, world, &owner, warnings);
-            if let Some(mesh) = read.with_context(|| format!("primitive {i}"))? {
+            let context = || format!("primitive {i}");
+            let read = primitive::read(self.buffers, primitive, &owner, warnings);
+            if let Some((shape, mut mesh)) = read.with_context(context)? {
+                shape.place(world, &mut mesh).with_context(context)?;
                 let name = self.names.unique(&name);
                 self.scene.meshes.push(Mesh { name, material, receiver, ..mesh });
+                shapes.push(shape);
             }
         }
-        Ok(())
+        Ok(shapes)
     }
 
     /// The material of primitives without one.
@@ -229,12 +242,10 @@ fn punctual(json: &Light, world: &DAffine3) -> anyhow::Result<PunctualLight> {
             LightKind::Spot { inner, outer }
         }
     };
-    let direction = (world.matrix3 * DVec3::NEG_Z).try_normalize();
-    let direction = match kind {
-        LightKind::Point => direction.unwrap_or(DVec3::NEG_Z),
-        _ => direction.context("its light has no direction: it is scaled to nothing")?,
-    };
-    Ok(PunctualLight { intensity, position: world.translation, direction, kind, range })
+    let mut light =
+        PunctualLight { intensity, position: DVec3::ZERO, direction: DVec3::NEG_Z, kind, range };
+    light.place(world)?;
+    Ok(light)
 }
 
 #[cfg(test)]

@@ -11,17 +11,22 @@ mod gltf;
 mod load;
 mod metallic;
 mod obj;
+mod shape;
 pub(crate) mod surfaces;
 mod texture;
 pub(crate) mod weather;
 
 pub(crate) use cutout::Cutout;
+pub(crate) use gltf::NodePath;
 pub(crate) use load::{Loaded, load};
 pub(crate) use metallic::MetallicRoughness;
+pub(crate) use shape::Shape;
 pub(crate) use texture::{Encoding, Texture, Wrap, srgb_to_linear};
 
+use anyhow::Context as _;
 use glam::{Affine2, DAffine3, DVec3, Vec2, Vec3, Vec4};
 use std::path::PathBuf;
+use std::sync::Arc;
 use wrt_core::{Frame, Glazing, Sky};
 
 /// Everything a file says about what there is to see.
@@ -238,6 +243,23 @@ pub(crate) struct PunctualLight {
     pub(crate) range: Option<f64>,
 }
 
+impl PunctualLight {
+    /// Puts the light where its node is, shining along the node's −z.
+    ///
+    /// # Errors
+    ///
+    /// If it needs a direction and `world` leaves none.
+    pub(crate) fn place(&mut self, world: &DAffine3) -> anyhow::Result<()> {
+        let direction = (world.matrix3 * DVec3::NEG_Z).try_normalize();
+        self.direction = match self.kind {
+            LightKind::Point => direction.unwrap_or(DVec3::NEG_Z),
+            _ => direction.context("its light has no direction: it is scaled to nothing")?,
+        };
+        self.position = world.translation;
+        Ok(())
+    }
+}
+
 /// Which law a [`PunctualLight`] follows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum LightKind {
@@ -250,7 +272,7 @@ pub(crate) enum LightKind {
     },
 }
 
-/// Key frames of one camera.
+/// A flight: one camera, still or with key frames, among things that move.
 #[derive(Clone, Debug)]
 pub(crate) struct Animation {
     pub(crate) name: String,
@@ -259,8 +281,30 @@ pub(crate) struct Animation {
     /// Seconds.
     pub(crate) duration: f64,
     /// The camera's transform, sampled finely enough to interpolate linearly:
-    /// pairs of (seconds, camera to world), increasing in time.
+    /// pairs of (seconds, camera to world), increasing in time. Empty for a still one.
     pub(crate) keys: Vec<(f64, DAffine3)>,
+    /// What else moves meanwhile.
+    pub(crate) movers: Vec<Mover>,
+}
+
+/// A mesh or light on its way.
+#[derive(Clone, Debug)]
+pub(crate) struct Mover {
+    pub(crate) moved: Moved,
+    /// Of its node.
+    pub(crate) path: NodePath,
+}
+
+/// What a [`Mover`] moves.
+#[derive(Clone, Debug)]
+pub(crate) enum Moved {
+    Mesh {
+        /// Index into [`Scene::meshes`].
+        index: usize,
+        shape: Arc<Shape>,
+    },
+    /// Index into [`Scene::lights`].
+    Light(usize),
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
-//! Key frames of a glTF's cameras: channels, evaluated through the hierarchy.
+//! Key frames of a glTF's nodes: channels, evaluated through the hierarchy.
 
-use super::super::Animation;
 use super::super::load::Warnings;
+use super::super::{Animation, Moved, Mover};
 use super::accessor::Buffers;
 use super::document::valid;
 use super::nodes::{Hierarchy, Placement, label, quaternion, rigid};
@@ -10,6 +10,7 @@ use ::gltf::json::{Animation as Json, Root};
 use anyhow::{Context as _, ensure};
 use glam::{DAffine3, DQuat, DVec3, DVec4};
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Samples a second: a straight line between two of them is off by less than
 /// a hundredth of what a camera in a hand moves.
@@ -32,71 +33,153 @@ struct Channel {
     values: Vec<DVec4>,
 }
 
-/// One [`Animation`] for each of `json`'s animations and each camera it moves.
-///
-/// `cameras` are the nodes of the scene's cameras, in its order.
-///
-/// # Errors
-///
-/// If a channel that moves a camera is malformed.
-pub(super) fn read(
-    root: &Root,
-    json: &[Json],
-    buffers: &Buffers<'_>,
-    hierarchy: &Hierarchy,
-    cameras: &[usize],
-    warnings: &mut Warnings,
-) -> anyhow::Result<Vec<Animation>> {
-    let chains: Vec<Vec<usize>> = cameras.iter().map(|&node| hierarchy.chain(node)).collect();
-    let mut moves_camera = vec![false; root.nodes.len()];
-    chains.iter().flatten().for_each(|&node| moves_camera[node] = true);
+/// A node's way through the world: itself and its ancestors, from the root down.
+#[derive(Clone, Debug)]
+pub(crate) struct NodePath(Vec<(Placement, Option<Arc<Channels>>)>);
 
-    let mut animations = Vec::new();
-    for (i, animation) in json.iter().enumerate() {
-        let name = animation.name.clone().unwrap_or_else(|| format!("animation{i}"));
-        let mut channels: HashMap<usize, Channels> = HashMap::new();
-        for channel in &animation.channels {
-            let context = || format!("animation {name:?}");
-            let node = channel.target.node.value();
-            let moves = moves_camera.get(node).with_context(context);
-            let moves = moves.with_context(|| format!("there is no node {node}"))?;
-            let property = valid(&channel.target.path, "path").with_context(context)?;
-            if !moves {
-                warnings.ignored("the motion of nodes that carry no camera", &label(root, node));
-            } else if property == Property::MorphTargetWeights {
-                warnings.ignored("morph targets", &label(root, node));
-            } else {
-                let sampler = animation.samplers.get(channel.sampler.value());
-                let sampler = sampler.context("a channel's sampler is not there");
-                let read = sampler.and_then(|s| Channel::read(property, s, buffers));
-                channels.entry(node).or_default().push(read.with_context(context)?);
-            }
-        }
-        for (camera, chain) in chains.iter().enumerate() {
-            if chain.iter().any(|node| channels.contains_key(node)) {
-                let keys = sample(chain, &channels, hierarchy).with_context(|| {
-                    format!("animation {name:?} of {}", label(root, cameras[camera]))
-                })?;
-                let duration = keys.last().map_or(0.0, |&(seconds, _)| seconds);
-                animations.push(Animation { name: name.clone(), camera, duration, keys });
-            }
+impl NodePath {
+    /// Node to world at a time.
+    pub(crate) fn at(&self, seconds: f64) -> DAffine3 {
+        self.0.iter().fold(DAffine3::IDENTITY, |above, (rest, channels)| {
+            let moved = channels.as_ref().map_or(*rest, |c| pose(*rest, c, seconds));
+            above * moved.to_affine()
+        })
+    }
+
+    fn channels(&self) -> impl Iterator<Item = &Channel> {
+        self.0.iter().filter_map(|(_, channels)| channels.as_deref()).flatten()
+    }
+
+    fn is_still(&self) -> bool {
+        self.channels().next().is_none()
+    }
+
+    /// Seconds to the last key frame.
+    fn duration(&self) -> f64 {
+        self.channels().filter_map(|c| c.times.last()).copied().fold(0.0, f64::max)
+    }
+}
+
+/// Whether any animation of the file moves a node, itself or by an ancestor.
+pub(super) fn moving(root: &Root, hierarchy: &Hierarchy) -> Vec<bool> {
+    let mut moving = vec![false; root.nodes.len()];
+    for channel in root.animations.iter().flat_map(|animation| &animation.channels) {
+        // Those that are not there are complained of when channels are read.
+        if let Some(node) = moving.get_mut(channel.target.node.value()) {
+            *node = true;
         }
     }
-    Ok(animations)
+    for &node in &hierarchy.order {
+        moving[node] |= hierarchy.parent[node].is_some_and(|parent| moving[parent]);
+    }
+    moving
+}
+
+/// Where a file's nodes are, and which of them carry the scene's cameras, in its order.
+pub(super) struct Nodes<'a> {
+    pub(super) root: &'a Root,
+    pub(super) hierarchy: &'a Hierarchy,
+    pub(super) cameras: &'a [usize],
+}
+
+impl Nodes<'_> {
+    /// One [`Animation`] for each of the file's and each camera that it moves; where it
+    /// moves a mesh or a light, each other camera as well, after those.
+    ///
+    /// `moved` are meshes and lights with the nodes that carry them.
+    ///
+    /// # Errors
+    ///
+    /// If a channel that moves any of these is malformed.
+    pub(super) fn animations(
+        &self,
+        buffers: &Buffers<'_>,
+        moved: &[(usize, Moved)],
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<Vec<Animation>> {
+        let mut carries = vec![false; self.root.nodes.len()];
+        for &node in self.cameras.iter().chain(moved.iter().map(|(node, _)| node)) {
+            let mut next = Some(node).filter(|&node| !carries[node]);
+            while let Some(node) = next {
+                carries[node] = true;
+                next = self.hierarchy.parent[node].filter(|&parent| !carries[parent]);
+            }
+        }
+        let mut animations = Vec::new();
+        for (i, json) in self.root.animations.iter().enumerate() {
+            let name = json.name.clone().unwrap_or_else(|| format!("animation{i}"));
+            let channels = self.channels(json, buffers, &carries, warnings);
+            let channels = channels.with_context(|| format!("animation {name:?}"))?;
+            let movers = moved.iter().filter_map(|(node, moved)| {
+                let path = self.path(*node, &channels);
+                (!path.is_still()).then(|| Mover { moved: moved.clone(), path })
+            });
+            let movers: Vec<Mover> = movers.collect();
+            let longest = movers.iter().map(|mover| mover.path.duration()).fold(0.0, f64::max);
+            let paths = self.cameras.iter().map(|&node| self.path(node, &channels)).enumerate();
+            let (still, flown): (Vec<_>, Vec<_>) = paths.partition(|(_, path)| path.is_still());
+            // A file without cameras is given one, which is still.
+            let none = self.cameras.is_empty().then_some(0);
+            let still = still.into_iter().map(|(camera, _)| camera).chain(none);
+            for (camera, path) in flown {
+                let keys = sample(&path).with_context(|| {
+                    format!("animation {name:?} of {}", label(self.root, self.cameras[camera]))
+                })?;
+                let duration = keys.last().map_or(0.0, |&(seconds, _)| seconds).max(longest);
+                let (name, movers) = (name.clone(), movers.clone());
+                animations.push(Animation { name, camera, duration, keys, movers });
+            }
+            for camera in still.filter(|_| !movers.is_empty()) {
+                let (name, movers) = (name.clone(), movers.clone());
+                animations.push(Animation {
+                    name,
+                    camera,
+                    duration: longest,
+                    keys: Vec::new(),
+                    movers,
+                });
+            }
+        }
+        Ok(animations)
+    }
+
+    /// What happens to each node that `carries` something.
+    fn channels(
+        &self,
+        json: &Json,
+        buffers: &Buffers<'_>,
+        carries: &[bool],
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<HashMap<usize, Arc<Channels>>> {
+        let mut channels: HashMap<usize, Channels> = HashMap::new();
+        for channel in &json.channels {
+            let node = channel.target.node.value();
+            let moves = carries.get(node).with_context(|| format!("there is no node {node}"))?;
+            let property = valid(&channel.target.path, "path")?;
+            if property == Property::MorphTargetWeights {
+                warnings.ignored("morph targets", &label(self.root, node));
+            } else if *moves {
+                let sampler = json.samplers.get(channel.sampler.value());
+                let sampler = sampler.context("a channel's sampler is not there")?;
+                channels.entry(node).or_default().push(Channel::read(property, sampler, buffers)?);
+            }
+        }
+        Ok(channels.into_iter().map(|(node, channels)| (node, channels.into())).collect())
+    }
+
+    fn path(&self, node: usize, channels: &HashMap<usize, Arc<Channels>>) -> NodePath {
+        let link = |node| (self.hierarchy.local[node], channels.get(&node).cloned());
+        NodePath(self.hierarchy.chain(node).into_iter().map(link).collect())
+    }
 }
 
 /// The camera's place from 0 s to the last key frame that moves it.
-fn sample(
-    chain: &[usize],
-    channels: &HashMap<usize, Channels>,
-    hierarchy: &Hierarchy,
-) -> anyhow::Result<Vec<(f64, DAffine3)>> {
-    let moving = || chain.iter().filter_map(|node| channels.get(node)).flatten();
-    let duration = moving().filter_map(|c| c.times.last()).copied().fold(0.0, f64::max);
+fn sample(path: &NodePath) -> anyhow::Result<Vec<(f64, DAffine3)>> {
+    let duration = path.duration();
     let steps = (duration * RATE).ceil().clamp(1.0, MAX_SAMPLES);
     let mut seconds: Vec<f64> =
         (0..=steps as u32).map(|i| duration * f64::from(i) / steps).collect();
-    for channel in moving() {
+    for channel in path.channels() {
         for &time in channel.times.iter().filter(|&&t| t > 0.0) {
             seconds.push(time);
             if channel.interpolation == Interpolation::Step {
@@ -108,12 +191,7 @@ fn sample(
     seconds.sort_by(f64::total_cmp);
     seconds.dedup();
     let key = |seconds| {
-        let world = chain.iter().fold(DAffine3::IDENTITY, |above, node| {
-            let rest = hierarchy.local[*node];
-            let moved = channels.get(node).map_or(rest, |c| pose(rest, c, seconds));
-            above * moved.to_affine()
-        });
-        let rigid = rigid(&world).filter(|t| t.is_finite());
+        let rigid = rigid(&path.at(seconds)).filter(|t| t.is_finite());
         Ok((seconds, rigid.with_context(|| format!("at {seconds} s it has no direction"))?))
     };
     seconds.into_iter().map(key).collect()
@@ -307,11 +385,54 @@ mod tests {
     }
 
     #[test]
-    fn nodes_without_a_camera_are_left_where_they_are() {
+    fn nodes_that_carry_nothing_make_no_flight() {
         let (samplers, mut channels) = one("LINEAR", "translation");
         channels[0]["target"]["node"] = json!(2);
         let arrays: [(&str, &[f32]); 2] = [("SCALAR", &[0.0]), ("VEC3", &[1.0, 0.0, 0.0])];
         assert!(arm(&arrays, samplers, channels).expect("valid").is_empty(), "nothing moves");
+    }
+
+    #[test]
+    fn a_mesh_that_moves_is_seen_by_cameras_that_do_and_that_do_not() {
+        let mut value = accessors(&[
+            ("SCALAR", &[0.0, 2.0]),
+            ("VEC3", &[0.0, 0.0, 0.0, 0.0, 4.0, 0.0]),
+            ("VEC3", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0]),
+        ]);
+        value["cameras"] =
+            json!([{"type": "perspective", "perspective": {"yfov": 1.0, "znear": 0.1}}]);
+        value["meshes"] = json!([{"primitives": [{"attributes": {"POSITION": 2}}]}]);
+        value["nodes"] = json!([
+            {"name": "still", "camera": 0},
+            {"name": "lift", "children": [2, 3]},
+            {"name": "cabin", "mesh": 0, "scale": [0, 1, 1]},
+            {"name": "rider", "camera": 0},
+        ]);
+        value["animations"] = json!([{"name": "up",
+            "samplers": [{"input": 0, "output": 1}],
+            "channels": [{"sampler": 0, "target": {"node": 1, "path": "translation"}}]}]);
+        let scene = load_value(&value).expect("valid").scene;
+        let [rider, still] = &scene.animations[..] else { panic!("{:?}", scene.animations) };
+        assert_eq!((rider.camera, rider.duration), (1, 2.0), "what moves comes first");
+        assert_eq!((still.camera, still.duration), (0, 2.0));
+        assert!(still.keys.is_empty() && !rider.keys.is_empty(), "which camera moves");
+        for animation in [rider, still] {
+            let [mover] = &animation.movers[..] else { panic!("{animation:?}") };
+            let Moved::Mesh { index: 0, shape } = &mover.moved else { panic!("{mover:?}") };
+            // Flattened at rest and in flight: nothing is inverted on the way.
+            let mut mesh = crate::scene::Mesh::default();
+            shape.place(mover.path.at(0.5), &mut mesh).expect("finite");
+            assert_eq!(mesh.positions, [DVec3::Y, DVec3::Y, DVec3::Y * 2.0]);
+        }
+        // A file without cameras has one, of number 0, when all is loaded.
+        value["cameras"] = json!([]);
+        for node in [0, 3] {
+            value["nodes"][node].as_object_mut().expect("a node").remove("camera");
+        }
+        value["nodes"][0] = json!({"name": "nothing"});
+        let scene = load_value(&value).expect("valid").scene;
+        assert_eq!(scene.animations.len(), 1);
+        assert_eq!((scene.animations[0].camera, scene.animations[0].movers.len()), (0, 1));
     }
 
     #[test]
