@@ -244,7 +244,8 @@ mod tests {
             )
         };
         let keys = vec![(0.0, place(0.0)), (2.0, place(2.0 * SPEED))];
-        let animation = Animation { name: "along".into(), camera: 0, duration: 2.0, keys };
+        let name = "along".into();
+        let animation = Animation { name, camera: 0, duration: 2.0, keys, movers: Vec::new() };
         let camera =
             Camera { name: "eye".into(), transform: place(0.0), projection, aspect: Some(1.0) };
         Scene { cameras: vec![camera], animations: vec![animation], ..Scene::default() }
