@@ -1,13 +1,16 @@
 //! A `.wct` as a 4-D texture: hit point and view direction to radiance.
 
+mod look_up;
+
 use crate::scene::{Scene, surfaces};
-use crate::whitted::{PatchRadiance, Sample};
+use crate::whitted::{Beside, PatchRadiance, Sample};
 use anyhow::bail;
 use glam::{DVec2, DVec3, Vec3};
+use look_up::{Change, LookUp};
 use rayon::prelude::*;
 use wrt_core::legendre::LegendreSampler;
 use wrt_core::wct_file::Side;
-use wrt_core::{Frame, Nusselt, Patch, Sampler, SmoothPatch};
+use wrt_core::{Frame, MipSampler, Patch, SmoothPatch};
 
 /// The outgoing patches of a file, bound to a scene's triangles.
 #[derive(Debug)]
@@ -24,13 +27,6 @@ struct Bound {
     frame: Frame,
     size: DVec2,
     sampler: LookUp,
-}
-
-/// Radiance in either basis.
-#[derive(Debug)]
-enum LookUp {
-    Haar(Box<Sampler>),
-    Smooth(LegendreSampler),
 }
 
 impl WctTexture {
@@ -52,12 +48,12 @@ impl WctTexture {
         };
         let haar: Vec<&Patch> =
             patches.iter().filter(|patch| patch.side == Side::Outgoing).collect();
-        let samplers: Vec<Sampler> = haar.par_iter().map(|p| Sampler::new(&p.tree)).collect();
+        let samplers: Vec<MipSampler> = haar.par_iter().map(|p| MipSampler::new(&p.tree)).collect();
         let haar = haar.into_iter().zip(samplers);
-        let haar = haar.map(|(p, sampler)| (&p.name, &p.polygon, LookUp::Haar(Box::new(sampler))));
+        let haar = haar.map(|(p, sampler)| (&p.name, &p.polygon, LookUp::haar(sampler)));
         let smooth = smooth
             .iter()
-            .map(|p| (&p.name, &p.polygon, LookUp::Smooth(LegendreSampler::new(&p.tree))));
+            .map(|p| (&p.name, &p.polygon, LookUp::smooth(LegendreSampler::new(&p.tree))));
         for (name, geometry, sampler) in haar.chain(smooth) {
             let Some(planar) = polygons.iter().find(|planar| planar.name == *name) else {
                 bail!(
@@ -114,6 +110,11 @@ impl Bound {
         // Just inside: a hit on the border may round to the outside.
         (local / self.size).clamp(DVec2::ZERO, DVec2::splat(1.0 - f64::EPSILON))
     }
+
+    fn change(&self, beside: &Beside) -> Change {
+        let position = self.frame.to_local(beside.position).truncate();
+        Change { uv: position / self.size, mu: self.frame.to_local(beside.to_eye) }
+    }
 }
 
 impl PatchRadiance for WctTexture {
@@ -127,19 +128,31 @@ impl PatchRadiance for WctTexture {
         triangle: u32,
         position: DVec3,
         to_eye: DVec3,
+        sample: &Sample,
+    ) -> Option<Vec3> {
+        let beside = [Beside::default(); 2];
+        self.outgoing_over(mesh, triangle, position, to_eye, &beside, sample)
+    }
+
+    fn outgoing_over(
+        &self,
+        mesh: usize,
+        triangle: u32,
+        position: DVec3,
+        to_eye: DVec3,
+        beside: &[Beside; 2],
         _: &Sample,
     ) -> Option<Vec3> {
         let patch = &self.patches[self.triangles[mesh][triangle as usize]? as usize];
         let mu = patch.frame.to_local(to_eye);
+        if mu.z < 0.0 {
+            return None;
+        }
         let uv = patch.uv(position);
-        let radiance = match &patch.sampler {
-            LookUp::Haar(sampler) => {
-                let q = Nusselt::from_direction(mu.normalize())?;
-                let q = [uv.x, uv.y, q.kappa, q.lambda];
-                if self.nearest { sampler.box_value(q) } else { sampler.multilinear(q) }
-            }
-            LookUp::Smooth(_) if mu.z < 0.0 => return None,
-            LookUp::Smooth(sampler) => sampler.radiance(uv, mu),
+        let radiance = if self.nearest {
+            patch.sampler.nearest(uv, mu)
+        } else {
+            patch.sampler.over(uv, mu, beside.each_ref().map(|beside| patch.change(beside)))
         };
         // Thresholding and polynomials can leave a little less than no light: what taking
         // none costs is told where trees are compressed.

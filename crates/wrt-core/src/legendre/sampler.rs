@@ -156,6 +156,14 @@ impl LegendreSampler {
         size_of_val(&self.nodes[..]) + size_of_val(&self.leaves[..]) + size_of_val(&self.rows[..])
     }
 
+    /// The levels of its finest cells, of position and of direction.
+    #[must_use]
+    pub fn finest_levels(&self) -> [u8; 2] {
+        self.leaves
+            .iter()
+            .fold([0, 0], |[p, d], leaf| [p.max(leaf.levels[0]), d.max(leaf.levels[1])])
+    }
+
     /// The radiance at (u, v), of which what lies outside [0, 1]² counts as its
     /// border, towards the unit direction `mu` of the upper hemisphere.
     #[must_use]
