@@ -12,6 +12,7 @@
 //! nor on how wide the machine's registers are.
 
 mod block;
+mod fan;
 mod wide;
 
 use crate::scene::{Cutout, Scene};
@@ -37,7 +38,7 @@ const OFFSET: f64 = 1e-10;
 
 /// How much of a shadow ray is looked at, so that the lamp does not occlude
 /// itself.
-const SHADOW_REACH: f64 = 1.0 - 1e-9;
+pub(crate) const SHADOW_REACH: f64 = 1.0 - 1e-9;
 
 /// Where a ray meets a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -171,30 +172,59 @@ impl Accel {
         tmax: f64,
     ) -> Option<Hit> {
         let ray = self.enter(origin, direction, tmin, tmax)?;
-        let mut best: Option<((usize, usize), Meeting)> = None;
+        let mut best = None;
         let mut tmax = ray.tmax;
-        self.hierarchy.traverse(simd, &ray.slabs, |i| {
-            let i = i as usize;
-            let mut meetings = ray.sheared.meets(simd, &self.blocks[i], ray.tmin, tmax);
-            while meetings.met != 0 {
-                let place = (i, meetings.take());
-                let meeting = meetings.at(place.1);
-                let order = |(i, lane): (usize, usize)| {
-                    let owner = &self.owners[i][lane];
-                    (owner.mesh, owner.index)
-                };
-                let farther = meeting.t > tmax
-                    || best.is_some_and(|(b, nearest)| {
-                        nearest.t == meeting.t && order(b) < order(place)
-                    });
-                if !farther && self.opacity(place, &meeting) != 0.0 {
-                    (best, tmax) = (Some((place, meeting)), meeting.t);
-                }
-            }
-            Next::Within(ray.single(tmax))
-        });
+        self.hierarchy.traverse(
+            simd,
+            &ray.slabs,
+            #[inline(always)]
+            |i| {
+                self.closer(simd, i as usize, &ray.sheared, ray.tmin, &mut tmax, &mut best);
+                Next::Within(ray.single(tmax))
+            },
+        );
         let (place, meeting) = best?;
         Some(self.hit(place, &meeting, direction))
+    }
+
+    /// Puts what a ray meets in the block `i` into `best`, and its distance into `tmax`,
+    /// if it is not farther than that.
+    #[inline(always)]
+    fn closer<S: Simd>(
+        &self,
+        simd: S,
+        i: usize,
+        ray: &ShearedRay,
+        tmin: f64,
+        tmax: &mut f64,
+        best: &mut Option<((usize, usize), Meeting)>,
+    ) {
+        let mut meetings = ray.meets(simd, &self.blocks[i], tmin, *tmax);
+        while meetings.met != 0 {
+            let place = (i, meetings.take());
+            self.nearer(place, meetings.at(place.1), tmax, best);
+        }
+    }
+
+    /// Puts a meeting at `place` into `best`, and its distance into `tmax`, if it is not
+    /// farther than that.
+    #[inline(always)]
+    fn nearer(
+        &self,
+        place: (usize, usize),
+        meeting: Meeting,
+        tmax: &mut f64,
+        best: &mut Option<((usize, usize), Meeting)>,
+    ) {
+        let order = |(i, lane): (usize, usize)| {
+            let owner = &self.owners[i][lane];
+            (owner.mesh, owner.index)
+        };
+        let farther = meeting.t > *tmax
+            || best.is_some_and(|(b, nearest)| nearest.t == meeting.t && order(b) < order(place));
+        if !farther && self.opacity(place, &meeting) != 0.0 {
+            (*best, *tmax) = (Some((place, meeting)), meeting.t);
+        }
     }
 
     fn hit(&self, place: (usize, usize), meeting: &Meeting, direction: DVec3) -> Hit {
@@ -231,9 +261,8 @@ impl Accel {
         self.visibility(origin, target) == 0.0
     }
 
-    /// The fraction of light that goes from one point to another: 0 behind
-    /// something opaque, the product of the transmissions of what is clear.
-    /// Refraction does not bend it.
+    /// [`visibility_along`](Self::visibility_along) from one point to another.
+    #[cfg(test)]
     pub(crate) fn visibility(&self, origin: DVec3, target: DVec3) -> f32 {
         let path = target - origin;
         let length = path.length();
@@ -243,8 +272,9 @@ impl Accel {
         self.visibility_along(origin, path / length, length * SHADOW_REACH)
     }
 
-    /// [`visibility`](Self::visibility) over the distance `reach`, which may be
-    /// infinite, along the unit `direction`.
+    /// The fraction of light that goes over the distance `reach`, which may be infinite,
+    /// along the unit `direction`: 0 behind something opaque, the product of the
+    /// transmissions of what is clear. Refraction does not bend it.
     pub(crate) fn visibility_along(&self, origin: DVec3, direction: DVec3, reach: f64) -> f32 {
         dispatch!(self.level, simd => self.visibility_with(simd, origin, direction, reach))
     }
@@ -259,17 +289,29 @@ impl Accel {
     ) -> f32 {
         let Some(ray) = self.enter(origin, direction, 0.0, reach) else { return 1.0 };
         let mut visibility = 1.0;
-        self.hierarchy.traverse(simd, &ray.slabs, |i| {
-            let i = i as usize;
-            let mut meetings = ray.sheared.meets(simd, &self.blocks[i], ray.tmin, ray.tmax);
-            while meetings.met != 0 {
-                let place = (i, meetings.take());
-                let opacity = self.opacity(place, &meetings.at(place.1));
-                visibility *= 1.0 - opacity * (1.0 - self.owners[i][place.1].transmission);
-            }
-            if visibility == 0.0 { Next::Stop } else { Next::Within(ray.reach) }
-        });
+        self.hierarchy.traverse(
+            simd,
+            &ray.slabs,
+            #[inline(always)]
+            |i| {
+                visibility *= self.passed(simd, i as usize, &ray.sheared, ray.tmin, ray.tmax);
+                if visibility == 0.0 { Next::Stop } else { Next::Within(ray.reach) }
+            },
+        );
         visibility
+    }
+
+    /// What a shadow ray keeps in passing the block `i`.
+    #[inline(always)]
+    fn passed<S: Simd>(&self, simd: S, i: usize, ray: &ShearedRay, tmin: f64, tmax: f64) -> f32 {
+        let mut kept = 1.0;
+        let mut meetings = ray.meets(simd, &self.blocks[i], tmin, tmax);
+        while meetings.met != 0 {
+            let place = (i, meetings.take());
+            let opacity = self.opacity(place, &meetings.at(place.1));
+            kept *= 1.0 - opacity * (1.0 - self.owners[i][place.1].transmission);
+        }
+        kept
     }
 
     /// Where a ray that leaves a surface along `direction` starts: off it by

@@ -336,7 +336,7 @@ mod tests {
                 for emitter in emitters {
                     emitter.illuminate(&surface, DVec2::splat(0.5), &mut lights);
                 }
-                let shadowed = |light: &Unshadowed| light.shadowed(&surface, &accel, &mut 0).x;
+                let shadowed = |light: &Unshadowed| light.shadowed(&surface, &accel).x;
                 lights.iter().map(|light| f64::from(shadowed(light))).sum::<f64>()
             })
             .sum();
@@ -435,7 +435,7 @@ mod tests {
                         f64::from(i) * 0.618_034,
                     );
                     let light = emitters[0].sunlight(&surface, place.fract());
-                    light.map_or(0.0, |light| light.shadowed(&surface, &accel, &mut 0).x)
+                    light.map_or(0.0, |light| light.shadowed(&surface, &accel).x)
                 })
                 .sum();
             PI * f64::from(sum / count as f32)

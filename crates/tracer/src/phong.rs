@@ -100,7 +100,7 @@ mod tests {
         let hit = accel.closest(DVec3::Y, DVec3::NEG_Y, 0.0, 2.0).expect("the ground");
         let surface = Surface::new(scene, &hit, DVec3::Y);
         let light = surface.lit_by(light);
-        light.map_or(0.0, |light| light.shadowed(&surface, &accel, &mut 0).x)
+        light.map_or(0.0, |light| light.shadowed(&surface, &accel).x)
     }
 
     #[test]

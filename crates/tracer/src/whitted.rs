@@ -42,10 +42,33 @@ pub(crate) trait PatchRadiance: Sync {
         sample: &Sample,
     ) -> Option<Vec3>;
 
+    /// The same for a camera ray that stands for a part of the picture, as wide as from
+    /// it to its neighbours `beside`: by default that of its middle.
+    fn outgoing_over(
+        &self,
+        mesh: usize,
+        triangle: u32,
+        position: DVec3,
+        to_eye: DVec3,
+        _beside: &[Beside; 2],
+        sample: &Sample,
+    ) -> Option<Vec3> {
+        self.outgoing(mesh, triangle, position, to_eye, sample)
+    }
+
     /// Where on the patch of a triangle `position` is, in [0, 1]².
     fn place(&self, _mesh: usize, _triangle: u32, _position: DVec3) -> Option<DVec2> {
         None
     }
+}
+
+/// What a neighbouring camera ray sees of the same surface, less what the ray itself
+/// does.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Beside {
+    pub(crate) position: DVec3,
+    /// Of the unit vectors to the eye.
+    pub(crate) to_eye: DVec3,
 }
 
 /// What a camera ray meets first, for compositing.
@@ -91,8 +114,19 @@ pub(crate) struct Sample {
     pub(crate) rays: u64,
     /// Patches found.
     pub(crate) look_ups: u64,
-    /// Room for the lights of one surface.
-    pub(crate) lights: Vec<Unshadowed>,
+    /// For what is needed again and again.
+    pub(crate) room: Room,
+}
+
+/// Room for the lights of one surface.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Room {
+    lights: Vec<Unshadowed>,
+    /// Of those that are looked for: the radiance that each stands for, its shadow ray,
+    /// and what that finds.
+    wanted: Vec<Vec3>,
+    rays: Vec<(DVec3, f64)>,
+    visible: Vec<f32>,
 }
 
 /// What became of the ray so far.
@@ -107,8 +141,44 @@ const MAX_LAYERS: u32 = 64;
 
 impl Whitted<'_> {
     /// Radiance that arrives along `beam`.
-    pub(crate) fn radiance(&self, beam: &Beam, sample: &mut Sample) -> Vec3 {
-        self.trace(beam, Branch { depth: 0, weight: 1.0 }, sample)
+    #[cfg(test)]
+    fn radiance(&self, beam: &Beam, sample: &mut Sample) -> Vec3 {
+        self.radiance_from(self.next(beam, 0.0), beam, sample)
+    }
+
+    /// Radiance that arrives along `beam`, of which `first` is the
+    /// [`first hit`](Self::first_hits).
+    pub(crate) fn radiance_from(
+        &self,
+        first: Option<Hit>,
+        beam: &Beam,
+        sample: &mut Sample,
+    ) -> Vec3 {
+        self.trace(first, beam, Branch { depth: 0, weight: 1.0 }, sample)
+    }
+
+    /// What each of `beams` meets first, put into `hits`. Those from one point go
+    /// together.
+    pub(crate) fn first_hits(
+        &self,
+        beams: &[Beam],
+        directions: &mut Vec<DVec3>,
+        hits: &mut Vec<Option<Hit>>,
+    ) {
+        let origin = beams.first().map_or(DVec3::ZERO, |beam| beam.origin);
+        if beams.iter().all(|beam| beam.origin == origin) {
+            directions.clear();
+            directions.extend(beams.iter().map(|beam| beam.direction));
+            self.accel.closest_of(origin, directions, hits);
+        } else {
+            hits.clear();
+            hits.extend(beams.iter().map(|beam| self.next(beam, 0.0)));
+        }
+    }
+
+    /// What `beam` meets next after the distance `from`.
+    fn next(&self, beam: &Beam, from: f64) -> Option<Hit> {
+        self.accel.closest(beam.origin, beam.direction, from, f64::INFINITY)
     }
 
     /// What `beam` meets first, with depth along the unit vector `ahead`; surfaces
@@ -116,7 +186,7 @@ impl Whitted<'_> {
     pub(crate) fn first(&self, beam: &Beam, ahead: DVec3) -> Option<First> {
         let mut from = 0.0;
         let hit = (0..MAX_LAYERS).find_map(|_| {
-            let hit = self.accel.closest(beam.origin, beam.direction, from, f64::INFINITY);
+            let hit = self.next(beam, from);
             from = hit.map_or(f64::INFINITY, |hit| hit.t);
             hit.filter(|hit| hit.opacity >= 0.5)
         })?;
@@ -134,12 +204,12 @@ impl Whitted<'_> {
         })
     }
 
-    fn trace(&self, beam: &Beam, branch: Branch, sample: &mut Sample) -> Vec3 {
-        let (mut radiance, mut clear, mut from) = (Vec3::ZERO, 1.0, 0.0);
+    /// Radiance along `beam`, which meets `first` first.
+    fn trace(&self, first: Option<Hit>, beam: &Beam, branch: Branch, sample: &mut Sample) -> Vec3 {
+        let (mut radiance, mut clear, mut next) = (Vec3::ZERO, 1.0, first);
         for _ in 0..MAX_LAYERS {
             sample.rays += 1;
-            let hit = self.accel.closest(beam.origin, beam.direction, from, f64::INFINITY);
-            let Some(hit) = hit else {
+            let Some(hit) = next else {
                 return radiance + clear * self.background;
             };
             let seen = hit.opacity * clear;
@@ -148,7 +218,7 @@ impl Whitted<'_> {
             if clear * branch.weight < MIN_WEIGHT {
                 break;
             }
-            from = hit.t;
+            next = self.next(beam, hit.t);
         }
         radiance
     }
@@ -161,7 +231,7 @@ impl Whitted<'_> {
             return surface.emission;
         }
         self.emitted(&surface, hit)
-            + self.local(&surface, hit, branch.depth, sample)
+            + self.local(&surface, hit, beam, branch.depth, sample)
             + self.secondary(&surface, beam, branch, sample)
     }
 
@@ -183,9 +253,17 @@ impl Whitted<'_> {
     }
 
     /// Radiance that the surface reflects of lights and emitters.
-    fn local(&self, surface: &Surface<'_>, hit: &Hit, depth: u32, sample: &mut Sample) -> Vec3 {
+    fn local(
+        &self,
+        surface: &Surface<'_>,
+        hit: &Hit,
+        beam: &Beam,
+        depth: u32,
+        sample: &mut Sample,
+    ) -> Vec3 {
         let mut unshadowed = surface.ambient(self.scene.ambient);
-        let mut lights = std::mem::take(&mut sample.lights);
+        let mut room = std::mem::take(&mut sample.room);
+        let lights = &mut room.lights;
         lights.clear();
         lights.extend(self.scene.lights.iter().filter_map(|light| surface.lit_by(light)));
         // Another place on each emitter and at each depth.
@@ -195,26 +273,36 @@ impl Whitted<'_> {
         let sunlight = |(i, emitter): (usize, &AreaEmitter)| emitter.sunlight(surface, place(i));
         lights.extend(self.emitters.iter().enumerate().filter_map(sunlight));
         let patch = self.patches.filter(|_| hit.front).and_then(|patches| {
-            patches.outgoing(hit.mesh, hit.triangle, surface.position, surface.to_eye, sample)
+            let beside = beside(beam, hit);
+            let (position, to_eye) = (surface.position, surface.to_eye);
+            patches.outgoing_over(hit.mesh, hit.triangle, position, to_eye, &beside, sample)
         });
         if let Some(outgoing) = patch {
             sample.look_ups += 1;
             unshadowed += outgoing;
         } else if !surface.brdf.is_black() {
             for (i, emitter) in self.emitters.iter().enumerate() {
-                emitter.illuminate(surface, place(i), &mut lights);
+                emitter.illuminate(surface, place(i), lights);
             }
         }
         let total = unshadowed + lights.iter().map(|light| light.radiance).sum::<Vec3>();
         let turn = Turn { of: sample.of, index: sample.index, scramble: sample.scramble };
-        let mut radiance = unshadowed;
+        let start = self.accel.leave(surface.position, surface.geometric, surface.geometric);
+        room.wanted.clear();
+        room.rays.clear();
         for (i, light) in lights.iter().enumerate() {
             let weight = turn.weight(i, light, total.max_element());
             if weight > 0.0 {
-                radiance += weight * light.shadowed(surface, self.accel, &mut sample.rays);
+                room.wanted.push(weight * light.radiance);
+                room.rays.push(light.source.seen_from(start));
             }
         }
-        sample.lights = lights;
+        self.accel.visibility_of(start, &room.rays, &mut room.visible);
+        sample.rays += room.rays.len() as u64;
+        let arrived =
+            room.wanted.iter().zip(&room.visible).map(|(wanted, visible)| wanted * visible);
+        let radiance = arrived.fold(unshadowed, |sum, light| sum + light);
+        sample.room = room;
         radiance
     }
 
@@ -268,8 +356,14 @@ impl Whitted<'_> {
         }
         let turned = beam.turned(surface.position, surface.geometric, turn);
         let origin = self.accel.leave(surface.position, surface.geometric, turned.direction);
-        weight * self.trace(&Beam { origin, ..turned }, next, sample)
+        let beam = Beam { origin, ..turned };
+        weight * self.trace(self.next(&beam, 0.0), &beam, next, sample)
     }
+}
+
+fn beside(beam: &Beam, hit: &Hit) -> [Beside; 2] {
+    let positions = beam.footprint(hit.position, hit.normal);
+    [0, 1].map(|i| Beside { position: positions[i], to_eye: beam.direction - beam.beside[i].1 })
 }
 
 /// The normal that a mirror reflects about. Where the interpolated one would send

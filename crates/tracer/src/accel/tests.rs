@@ -149,6 +149,62 @@ fn no_ray_slips_through_the_edges_of_a_grid_along_its_axes() {
     }
 }
 
+/// Fans aimed at vertices, edges and faces, from inside and outside, from a vertex, and
+/// from too far; of all signs mixed, zeros among them.
+#[test]
+fn rays_from_one_point_find_what_each_finds_alone() {
+    let mut scene = bumpy_sphere(DVec3::new(3.0, -2.0, 7.0), 2.0);
+    let glass = Material { transmission: 0.5, ..Material::default() };
+    scene.materials.push(glass);
+    let shell = bumpy_sphere(DVec3::new(3.1, -2.0, 7.0), 2.5).meshes.remove(0);
+    scene.meshes.push(Mesh { material: 1, ..shell });
+    let accel = Accel::new(&scene);
+    let mesh = &scene.meshes[0];
+    let corners = |i: usize| mesh.triangles[i].map(|k| mesh.positions[k as usize]);
+    let eyes = [
+        DVec3::new(3.0, -2.0, 7.0),
+        DVec3::new(3.3, -2.2, 7.1),
+        mesh.positions[700],
+        DVec3::new(3.0, 4.0, 7.0),
+        DVec3::new(-1.0, -5.0, 11.0),
+        DVec3::new(40.0, 20.0, -30.0),
+    ];
+    let axes = [DVec3::X, -DVec3::X, DVec3::Y, DVec3::NEG_Z, DVec3::new(-0.0, 1.0, 0.0)];
+    let (mut hits, mut visible) = (Vec::new(), Vec::new());
+    let (mut met, mut clear) = (0, [0; 3]);
+    for eye in eyes {
+        let targets = (0..mesh.triangles.len()).flat_map(|i| {
+            let [a, b, c] = corners(i);
+            [a, a.lerp(b, (i as f64 * 0.618).fract()), (a + b + c) / 3.0]
+        });
+        let aimed = targets.filter_map(|target| (target - eye).try_normalize());
+        let directions: Vec<DVec3> = axes.into_iter().chain(aimed).collect();
+        // Neighbours together, then rays that have nothing to do with each other.
+        for stride in [1, 1009] {
+            let pick = |i: usize| directions[i * stride % directions.len()];
+            let directions: Vec<DVec3> = (0..directions.len()).map(pick).collect();
+            for size in [1, 2, 3, 16, 23] {
+                for fan in directions.chunks(size).step_by(size.div_ceil(3) * 2) {
+                    accel.closest_of(eye, fan, &mut hits);
+                    let alone = |d: &DVec3| accel.closest(eye, *d, 0.0, f64::INFINITY);
+                    assert_eq!(hits, fan.iter().map(alone).collect::<Vec<_>>(), "{eye}: {fan:?}");
+                    met += hits.iter().flatten().count();
+                    let reach = |i: usize| [f64::INFINITY, 1.0, 4.0, 0.0][i % 4];
+                    let rays: Vec<_> =
+                        fan.iter().enumerate().map(|(i, d)| (*d, reach(i))).collect();
+                    accel.visibility_of(eye, &rays, &mut visible);
+                    let alone = |(d, reach): &(DVec3, f64)| accel.visibility_along(eye, *d, *reach);
+                    assert_eq!(visible, rays.iter().map(alone).collect::<Vec<_>>(), "{eye}");
+                    for visible in &visible {
+                        clear[(2.0 * visible).ceil() as usize] += 1;
+                    }
+                }
+            }
+        }
+    }
+    assert!(met > 100_000 && clear.iter().all(|n| *n > 5_000), "{met} hits, {clear:?} shadows");
+}
+
 #[test]
 fn hit_is_where_the_ray_and_the_triangle_say() {
     let a = [DVec3::new(1.0, 2.0, -3.0), DVec3::new(4.0, 2.5, -3.5), DVec3::new(1.5, 6.0, -4.0)];

@@ -5,6 +5,8 @@
 //! planes as they are. obvhs's own nodes of eight have 80, but its tests of them are
 //! compiled for SSE2, and must take the triangles one at a time.
 
+pub(super) mod fan;
+
 use super::LANES;
 use fearless_simd::{f32x8, prelude::*};
 use glam::{DVec3, Vec3A};

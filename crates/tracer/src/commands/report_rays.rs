@@ -2,7 +2,8 @@
 //!
 //! Two sets on one mesh, a bumpy sphere: camera rays in the order of the pixels,
 //! and rays that leave what those hit in random directions about the normal, in
-//! random order. All go to the closest hit. `tests/embree_rays.py` measures Embree
+//! random order. All go to the closest hit, camera rays both together, as a pixel's do,
+//! and one by one. `tests/embree_rays.py` measures Embree
 //! with the same mesh and rays.
 
 use super::stdout::say;
@@ -43,13 +44,17 @@ fn measure(args: &Rays) -> anyhow::Result<()> {
         "threads": rayon::current_num_threads(),
         "build_seconds": build,
     });
-    for (name, rays) in [("primary", &primary), ("diffuse", &diffuse)] {
+    let sets: [(&str, &[Ray], Count); 3] = [
+        ("primary", &primary, together),
+        ("primary_one_by_one", &primary, one_by_one),
+        ("diffuse", &diffuse, one_by_one),
+    ];
+    for (name, rays, count) in sets {
         let mut rates = Vec::new();
         let mut hits = 0;
         for _ in 0..args.repeats {
             let (wall, cpu) = (Instant::now(), ProcessTime::now());
-            let blocks = rays.par_chunks(1 << 12);
-            hits = blocks.map(|block| block.iter().filter(|ray| hit(&accel, ray)).count()).sum();
+            hits = rays.par_chunks(1 << 12).map(|block| count(&accel, block)).sum();
             let rate = |seconds: f64| rays.len() as f64 / 1e6 / seconds;
             rates.push((rate(cpu.elapsed().as_secs_f64()), rate(wall.elapsed().as_secs_f64())));
         }
@@ -66,8 +71,22 @@ fn measure(args: &Rays) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn hit(accel: &Accel, &(origin, direction): &Ray) -> bool {
-    accel.closest(origin, direction, 0.0, f64::INFINITY).is_some()
+/// How many rays hit something.
+type Count = fn(&Accel, &[Ray]) -> usize;
+
+fn one_by_one(accel: &Accel, rays: &[Ray]) -> usize {
+    let hits = |(origin, direction): &&Ray| {
+        accel.closest(*origin, *direction, 0.0, f64::INFINITY).is_some()
+    };
+    rays.iter().filter(hits).count()
+}
+
+/// Of rays from one point.
+fn together(accel: &Accel, rays: &[Ray]) -> usize {
+    let directions: Vec<DVec3> = rays.iter().map(|ray| ray.1).collect();
+    let mut hits = Vec::new();
+    accel.closest_of(rays[0].0, &directions, &mut hits);
+    hits.iter().flatten().count()
 }
 
 /// A closed sphere of radius 1 with bumps, of about so many triangles.

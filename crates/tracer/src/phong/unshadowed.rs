@@ -1,7 +1,10 @@
 //! Light before anybody asks whether something is in its way.
 
+#[cfg(test)]
 use super::Surface;
+#[cfg(test)]
 use crate::accel::Accel;
+use crate::accel::SHADOW_REACH;
 use glam::{DVec3, Vec3};
 
 /// What a surface reflects to the eye of one light, or of one part of it, where nothing
@@ -22,16 +25,29 @@ pub(crate) enum Source {
     Direction(DVec3),
 }
 
+impl Source {
+    /// The unit vector from `start` towards it, and how far to look for what is in the
+    /// way.
+    pub(crate) fn seen_from(self, start: DVec3) -> (DVec3, f64) {
+        match self {
+            Self::Direction(to_light) => (to_light, f64::INFINITY),
+            Self::Point(point) => {
+                let path = point - start;
+                let length = path.length();
+                // Nothing is between two points that are one.
+                let along = if length > 0.0 { path / length } else { DVec3::Z };
+                (along, length * SHADOW_REACH)
+            }
+        }
+    }
+}
+
 impl Unshadowed {
-    /// What arrives of it at `surface`: the radiance, less what is in its way. Casts one
-    /// ray and counts it in `rays`.
-    pub(crate) fn shadowed(&self, surface: &Surface<'_>, accel: &Accel, rays: &mut u64) -> Vec3 {
-        *rays += 1;
+    /// What arrives of it at `surface`: the radiance, less what is in its way.
+    #[cfg(test)]
+    pub(crate) fn shadowed(&self, surface: &Surface<'_>, accel: &Accel) -> Vec3 {
         let start = accel.leave(surface.position, surface.geometric, surface.geometric);
-        let visible = match self.source {
-            Source::Point(point) => accel.visibility(start, point),
-            Source::Direction(to_light) => accel.visibility_along(start, to_light, f64::INFINITY),
-        };
-        self.radiance * visible
+        let (along, reach) = self.source.seen_from(start);
+        self.radiance * accel.visibility_along(start, along, reach)
     }
 }

@@ -1,6 +1,6 @@
 //! Where a picture's noise needs more samples.
 
-use super::pixel::{PixelSampler, ROUND, Tally};
+use super::pixel::{PixelSampler, ROUND, Room, Tally};
 use super::{Crop, RenderOptions};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -30,15 +30,15 @@ impl<'a> FirstRound<'a> {
         let (left, top) = (crop.left.saturating_sub(1), crop.top.saturating_sub(1));
         let width = (crop.left + crop.width + 1).min(options.width) - left;
         let height = (crop.top + crop.height + 1).min(options.height) - top;
-        let tally = |i: usize| {
+        let tally = |room: &mut Room, i: usize| {
             let mut tally = Tally::default();
             if !stopped() {
                 let round = options.samples.clamp(1, ROUND);
-                sampler.continue_to(round, left + i % width, top + i / width, &mut tally);
+                sampler.continue_to(round, left + i % width, top + i / width, &mut tally, room);
             }
             tally
         };
-        let tallies = (0..width * height).into_par_iter().map(tally).collect();
+        let tallies = (0..width * height).into_par_iter().map_init(Room::default, tally).collect();
         Self { options, area: Crop { left, top, width, height }, tallies }
     }
 

@@ -2,10 +2,11 @@
 
 use super::RenderOptions;
 use crate::{
-    camera::Pinhole,
-    whitted::{Sample, Whitted},
+    accel::Hit,
+    camera::{Beam, Pinhole},
+    whitted::{self, Sample, Whitted},
 };
-use glam::{DVec2, DVec4, Vec3};
+use glam::{DVec2, DVec3, DVec4, Vec3};
 
 /// Step of the samples' sequence, which fills the unit 4-cube evenly: powers of
 /// 1/g for g⁵ = g + 1 (M. Roberts, *The Unreasonable Effectiveness of Quasirandom
@@ -30,6 +31,18 @@ pub(super) struct Tally {
     pub(super) look_ups: u64,
 }
 
+/// Camera rays that go together.
+const TOGETHER: u32 = 16;
+
+/// Room for the camera rays of a pixel.
+#[derive(Default)]
+pub(super) struct Room {
+    beams: Vec<Beam>,
+    directions: Vec<DVec3>,
+    hits: Vec<Option<Hit>>,
+    lights: whitted::Room,
+}
+
 /// Where a picture's samples go.
 pub(super) struct PixelSampler<'a> {
     pub(super) whitted: &'a Whitted<'a>,
@@ -39,7 +52,14 @@ pub(super) struct PixelSampler<'a> {
 
 impl PixelSampler<'_> {
     /// Adds samples to `tally` until there are `wanted`.
-    pub(super) fn continue_to(&self, wanted: u32, x: usize, y: usize, tally: &mut Tally) {
+    pub(super) fn continue_to(
+        &self,
+        wanted: u32,
+        x: usize,
+        y: usize,
+        tally: &mut Tally,
+        room: &mut Room,
+    ) {
         let &RenderOptions { width, height, seed, samples, noise, .. } = self.options;
         let (width_f, height_f) = (width as f64, height as f64);
         let pixel = (y * width + x) as u64;
@@ -50,21 +70,36 @@ impl PixelSampler<'_> {
         let step = f64::from(even).sqrt().recip() / DVec2::new(width_f, height_f);
         // Taking turns sets a pixel's samples apart, by which noise is measured.
         let of = if noise.is_some() { 1 } else { samples };
-        let mut lights = Vec::new();
         while tally.taken < wanted {
-            let point = (shift + f64::from(tally.taken) * R4).fract_gl();
-            let at_x = (x as f64 + 0.5 + tent(point.x)) / width_f;
-            let at_y = (y as f64 + 0.5 + tent(point.y)) / height_f;
-            let beam = self.pinhole.beam(at_x, at_y, step);
-            let (place, index) = (DVec2::new(point.z, point.w), tally.taken);
-            let mut sample = Sample { place, index, of, scramble, lights, ..Sample::default() };
-            let radiance = self.whitted.radiance(&beam, &mut sample);
-            lights = sample.lights;
-            tally.sum += radiance;
-            tally.squares += radiance * radiance;
-            tally.rays += sample.rays;
-            tally.look_ups += sample.look_ups;
-            tally.taken += 1;
+            let first = tally.taken;
+            let many = (wanted - first).min(TOGETHER);
+            let point = |taken: u32| (shift + f64::from(taken) * R4).fract_gl();
+            room.beams.clear();
+            room.beams.extend((first..first + many).map(|taken| {
+                let point = point(taken);
+                let at_x = (x as f64 + 0.5 + tent(point.x)) / width_f;
+                let at_y = (y as f64 + 0.5 + tent(point.y)) / height_f;
+                self.pinhole.beam(at_x, at_y, step)
+            }));
+            self.whitted.first_hits(&room.beams, &mut room.directions, &mut room.hits);
+            for (beam, hit) in room.beams.iter().zip(&room.hits) {
+                let (place, index) = (point(tally.taken), tally.taken);
+                let mut sample = Sample {
+                    place: DVec2::new(place.z, place.w),
+                    index,
+                    of,
+                    scramble,
+                    room: std::mem::take(&mut room.lights),
+                    ..Sample::default()
+                };
+                let radiance = self.whitted.radiance_from(*hit, beam, &mut sample);
+                room.lights = sample.room;
+                tally.sum += radiance;
+                tally.squares += radiance * radiance;
+                tally.rays += sample.rays;
+                tally.look_ups += sample.look_ups;
+                tally.taken += 1;
+            }
         }
     }
 }
