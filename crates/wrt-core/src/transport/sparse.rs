@@ -2,9 +2,10 @@
 //! the destination ever exists.
 
 use super::TransportGeometry;
-use super::block::Source;
+use super::handover::Handover;
 use super::refine::{Order, Settling};
 use super::slice::{Room, Slices, Way};
+use super::source::Source;
 use crate::grid::Rgb;
 use crate::{CHILDREN, Cell, Levels, Result, Tree, children, pull};
 use rayon::prelude::*;
@@ -41,6 +42,7 @@ pub fn transport_sparse(
     let (order, usual) = probe(&slices, levels);
     let forest = Forest {
         slices: &slices,
+        handover: Handover::new(&slices),
         levels,
         quadrature: 0.4 * tolerance,
         letting_go: 0.6 * tolerance,
@@ -77,6 +79,7 @@ fn probe(slices: &Slices<'_, impl Source>, levels: Levels) -> (Order, f64) {
 
 struct Forest<'a, 'b, S> {
     slices: &'a Slices<'b, S>,
+    handover: Handover<'b, S>,
     levels: Levels,
     /// Relative errors allowed.
     quadrature: f64,
@@ -154,6 +157,9 @@ impl<S: Source> Forest<'_, '_, S> {
             let mut cell = Settling::begin(self.slices, direction, room)?;
             let target = self.quadrature * (0.5 * (cell.energy + self.usual)).sqrt();
             cell.settle(self.slices, target, self.order, room);
+            if cell.given_up() {
+                cell.hand_over(&self.handover, direction, target, self.order);
+            }
             branch.error += cell.error(self.order).powi(2);
             branch.energy += cell.energy;
             let scale = self.levels.scale(depth).recip();
