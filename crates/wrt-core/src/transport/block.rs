@@ -102,7 +102,7 @@ pub fn transport_within(
 }
 
 /// Relative error of rounding to single precision, at most.
-const SINGLE: f64 = 0.5 * f32::EPSILON as f64;
+pub(super) const SINGLE: f64 = 0.5 * f32::EPSILON as f64;
 
 fn single(image: &Image) -> Vec<Rgb> {
     image.iter().map(|rgb| rgb.map(|x| x as f32)).collect()

@@ -141,8 +141,20 @@ impl Piece {
         pieces
     }
 
-    /// ∬ A cos²θ cosφ dφ dθ over the piece.
+    /// ∬ F A cos²θ cosφ dφ dθ over the piece, with the factor F of the beam if there is one.
     pub(super) fn integral(&self, at: &Pieces<'_, '_>, evaluations: &mut u64) -> Estimate {
+        match at.beam {
+            None => self.integral_of(at, |_| 1.0, evaluations),
+            Some(beam) => self.integral_of(at, |mu| beam.factor(mu).unwrap_or(0.0), evaluations),
+        }
+    }
+
+    fn integral_of(
+        &self,
+        at: &Pieces<'_, '_>,
+        factor: impl Fn(DVec3) -> f64,
+        evaluations: &mut u64,
+    ) -> Estimate {
         let rules = self.rules.map(|rule| nested::RULES[rule]);
         let [wide, high] = [0, 1].map(|d| self.high[d] - self.low[d]);
         let middle = rules[1].len() / 2;
@@ -163,13 +175,13 @@ impl Piece {
                 let phi = from + width * (self.low[1] + high * x);
                 let (sin_phi, cos_phi) = phi.sin_cos();
                 let mu = DVec3::new(sine, cosine * sin_phi, cosine * cos_phi);
+                let factor = factor(mu);
                 let overlap = if i == middle {
                     let overlap = match &self.shape {
                         Some(shape) => shape.overlap(at.pair, mu),
                         None => at.pair.overlap(mu),
                     };
                     let off = at.rounding.of_area(&overlap, mu.z);
-                    let factor = at.beam.map_or(1.0, |beam| beam.factor(mu).unwrap_or(0.0));
                     out.rounding += node.weight * scale * cos_phi * off * factor;
                     overlap.area
                 } else if let Some(shape) = &self.shape {
@@ -177,7 +189,6 @@ impl Piece {
                 } else {
                     at.pair.area(mu)
                 };
-                let factor = at.beam.map_or(1.0, |beam| beam.factor(mu).unwrap_or(0.0));
                 let value = scale * cos_phi * overlap * factor;
                 fine += weight * value;
                 coarse += short * value;
