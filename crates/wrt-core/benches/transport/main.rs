@@ -23,7 +23,8 @@ use recursion::Sample;
 use std::time::Instant;
 use wrt_core::metrics::relative_euclidean_distance;
 use wrt_core::transport::{
-    Exact, Integrator, Method, Pair, Support, TransportGeometry, transport_sparse, transport_within,
+    BlockOptions, Exact, Integrator, Method, Pair, Support, TransportGeometry, transport_block,
+    transport_sparse, transport_within,
 };
 use wrt_core::{Emission, Grid, Levels, Lobe, Polygon};
 
@@ -49,6 +50,11 @@ fn main() {
     for (name, geometry) in &geometries() {
         if wanted(&format!("sparse {name}")) {
             sparse(name, geometry);
+        }
+    }
+    for (name, geometry) in &geometries() {
+        if wanted(&format!("handover {name}")) {
+            handovers(name, geometry);
         }
     }
     for (name, geometry) in &geometries() {
@@ -233,6 +239,34 @@ fn sparse(name: &str, geometry: &TransportGeometry) {
         costs.push((level, cpu));
     }
     fit(&format!("sparse {name}"), &costs);
+}
+
+/// Small blocks to tight tolerances, against all the samples that a cell may get.
+fn handovers(name: &str, geometry: &TransportGeometry) {
+    for level in [2, 3] {
+        let (source, levels) = (coarse_panes(level), Levels::isotropic(level));
+        let within = |tolerance: f64| {
+            transport_within(geometry, &source, levels, tolerance).expect("straight grid lines")
+        };
+        let reference = within(7e-8);
+        println!("handover {name}, level {level}: reference ± {:7.1e}", reference.relative_error);
+        for tolerance in [1e-4, 1e-5, 1e-6, 1e-7] {
+            let (found, seconds, spread, _) = measure(|| within(tolerance));
+            println!(
+                "  within {tolerance:5.0e}  estimate {:7.1e}  RED {:7.1e}  {seconds:8.3} CPU s \
+                 (spread {spread:4.2})",
+                found.relative_error,
+                red(&found.grid, &reference.grid)
+            );
+        }
+        let options = BlockOptions { samples: 256 };
+        let run = || transport_block(geometry, &source, levels, options);
+        let (found, seconds, spread, _) = measure(run);
+        println!(
+            "  65 536 samples a cell            RED {:7.1e}  {seconds:8.3} CPU s (spread {spread:4.2})",
+            red(&found.expect("straight grid lines"), &reference.grid)
+        );
+    }
 }
 
 /// The paper's recursion with its two-dimensional trapezoidal rule at levels 4 to 7, from

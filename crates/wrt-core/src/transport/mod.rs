@@ -5,6 +5,7 @@ mod cell;
 mod cover;
 mod directions;
 mod geometry;
+mod handover;
 mod integrate;
 mod oracle;
 mod outline;
@@ -13,11 +14,12 @@ mod recursion;
 mod refine;
 mod shape;
 mod slice;
+mod source;
 mod sparse;
 mod stencil;
 mod summed;
 
-pub use block::{BlockOptions, Source, Transported, transport_block, transport_within};
+pub use block::{BlockOptions, Transported, transport_block, transport_within};
 pub use cell::{CellRadiance, CellRule};
 pub use geometry::TransportGeometry;
 pub use integrate::{
@@ -29,4 +31,5 @@ pub use pair::{Pair, Support};
 pub use recursion::{
     Counts, RecursionOptions, transport_coefficient, transport_tree, transport_tree_below,
 };
+pub use source::{Kinks, Source};
 pub use sparse::{Sparse, transport_sparse};

@@ -74,15 +74,26 @@ impl<'a> Pair<'a> {
     /// The pair of cells `source` and `dest` of `geometry`'s polygons.
     #[must_use]
     pub fn new(geometry: &'a TransportGeometry, source: Support, dest: Support) -> Self {
+        let dests = geometry.dest().cell(dest.levels.position, [dest.m[0], dest.m[1]]);
+        let sources = geometry.source().cell(source.levels.position, [source.m[0], source.m[1]]);
+        Self::between(geometry, &sources, source, &dests, dest)
+    }
+
+    /// The pair of these parts of the two planes, each with the directions of a cell.
+    pub(super) fn between(
+        geometry: &'a TransportGeometry,
+        sources: &[ConvexPolygon],
+        source: Support,
+        dests: &[ConvexPolygon],
+        dest: Support,
+    ) -> Self {
         let [_, _, n] = geometry.source_axes();
         let origin = geometry.source_to_dest(DVec2::ZERO);
-        let dests = geometry.dest().cell(dest.levels.position, [dest.m[0], dest.m[1]]);
         let dests = dests
             .iter()
             .map(|d| d.clipped(|p| n.dot(p.extend(0.0) - origin)).without_short_edges())
             .filter(|d| !d.is_empty())
             .collect();
-        let sources = geometry.source().cell(source.levels.position, [source.m[0], source.m[1]]);
         let lift = |p| geometry.source_to_dest(p);
         let sources = sources
             .iter()

@@ -1,9 +1,10 @@
 //! Images of direction cells to a tolerance: midpoint rules refined until two of
-//! them agree well enough.
+//! them agree well enough, or given up where that would take too many midpoints.
 
-use super::block::Source;
 use super::directions::Region;
+use super::handover::Handover;
 use super::slice::{Image, Room, Slices};
+use super::source::Source;
 use rayon::prelude::*;
 
 /// An image of a direction cell, and what is known of it.
@@ -24,10 +25,17 @@ pub(super) struct Settling {
     /// √ of the energy of the image if all of its directions saw the brightest
     /// texel; 0 if it is proven that none sees anything.
     unseen: f64,
+    /// Whether midpoints are given up.
+    given_up: bool,
+    /// The error that better rules have left.
+    left: Option<f64>,
 }
 
-/// Where refinement ends: the estimate then says what is left.
+/// More midpoints than this are not worth it.
 const MOST_SAMPLES: u32 = 1 << 16;
+
+/// From so many on, what more it takes to settle is believed.
+const TELLING_SAMPLES: u32 = MOST_SAMPLES / 16;
 
 /// The order p of the rules: their errors fall like h^p. Measured, for it is 1 to 3
 /// as kinks and jumps lie along the midpoints, across them, or are not there.
@@ -106,6 +114,8 @@ impl Settling {
             finer: 1.0,
             order: None,
             unseen: 0.0,
+            given_up: false,
+            left: None,
         };
         if settling.image.is_none() {
             if slices.sees_nothing(direction) {
@@ -124,6 +134,9 @@ impl Settling {
     /// Where they do, it is r^p − 1 times it. In between lies what is claimed, with a
     /// p between that of all cells and this one's own.
     pub(super) fn error(&self, order: Order) -> f64 {
+        if let Some(left) = self.left {
+            return left;
+        }
         if self.image.is_none() {
             // What all samples miss is less than what one of them would see.
             return self.unseen / f64::from(self.samples());
@@ -134,7 +147,7 @@ impl Settling {
         order.doubt * self.difference * (gain - 0.5).recip().max(3.0 * relative).min(1.0)
     }
 
-    /// Refines until the estimated error is at most `target`.
+    /// Refines until the estimated error is at most `target`, or gives up.
     pub(super) fn settle(
         &mut self,
         slices: &Slices<'_, impl Source>,
@@ -142,8 +155,41 @@ impl Settling {
         order: Order,
         room: &mut Room,
     ) {
-        while self.error(order) > target && self.can_refine() {
+        while self.error(order) > target {
+            if self.gives_up(target, order) {
+                return;
+            }
             self.approach(slices, target, order, room);
+        }
+    }
+
+    /// Whether midpoints have been given up.
+    pub(super) fn given_up(&self) -> bool {
+        self.given_up
+    }
+
+    /// Gives up if an error of `target` is likely to take more midpoints than are worth it.
+    fn gives_up(&mut self, target: f64, order: Order) -> bool {
+        let n = self.samples();
+        let needed = f64::from(n) * (self.error(order) / target).powf(2.0 / order.power);
+        self.given_up |= n >= TELLING_SAMPLES && needed > f64::from(MOST_SAMPLES);
+        self.given_up
+    }
+
+    /// Takes the image that is made between kinks to an error of `target`, unless the one
+    /// from midpoints is nearer.
+    pub(super) fn hand_over(
+        &mut self,
+        handover: &Handover<'_, impl Source>,
+        direction: usize,
+        target: f64,
+        order: Order,
+    ) {
+        let (image, left) = handover.image(direction, target);
+        if left < self.error(order) {
+            self.energy = image.as_ref().map_or(0.0, energy);
+            self.image = image;
+            self.left = Some(left);
         }
     }
 
@@ -157,11 +203,6 @@ impl Settling {
     ) {
         let finer = (self.error(order) / target).powf(order.power.recip());
         self.refine(slices, finer.clamp(1.5, 4.0), room);
-    }
-
-    /// Whether more midpoints are allowed.
-    pub(super) fn can_refine(&self) -> bool {
-        self.samples() < MOST_SAMPLES
     }
 
     /// How many midpoints there are now.
@@ -194,35 +235,45 @@ impl Settling {
     }
 }
 
-/// Refines `cells` until the sum of their squared errors, estimated, is within
-/// `total`, or none can be refined further.
+/// Refines `cells` until the sum of their squared errors, estimated, is within `allowed`
+/// of their energy. Those that would take too many midpoints are given up, and their
+/// errors do not count, but for the tenth of what is allowed that is left to them.
 pub(super) fn settle_all(
     cells: &mut [Option<Settling>],
     slices: &Slices<'_, impl Source>,
-    total: f64,
+    allowed: f64,
     order: Order,
 ) {
     // A cell that needs fewer midpoints more than this waits: others overshoot.
     const WORTH: f64 = 1.25;
+    let mut open: Vec<&mut Settling> = cells.iter_mut().flatten().collect();
+    let mut given_up: Vec<&mut Settling> = Vec::new();
     loop {
-        let known: Vec<(f64, f64)> = cells
-            .iter()
-            .flatten()
-            .map(|cell| (cell.error(order), f64::from(cell.samples())))
-            .collect();
+        let energy: f64 = open.iter().chain(&given_up).map(|cell| cell.energy).sum();
+        let share = if given_up.is_empty() { 1.0 } else { 0.9 };
+        let total = share * allowed * energy;
+        let known: Vec<(f64, f64)> =
+            open.iter().map(|cell| (cell.error(order), f64::from(cell.samples()))).collect();
         if known.iter().map(|(error, _)| error * error).sum::<f64>() <= total {
             return;
         }
         let targets = targets(&known, total, order);
+        let before = given_up.len();
+        let mut wanted = targets.iter().zip(&known);
+        given_up.extend(open.extract_if(.., |cell| {
+            let (target, (error, _)) = wanted.next().expect("one a cell");
+            error > target && cell.gives_up(*target, order)
+        }));
+        if given_up.len() > before {
+            continue;
+        }
         let mut due: Vec<(&mut Settling, f64)> = Vec::new();
         for worth in [WORTH, 1.0] {
             let least = worth.powf(order.power);
-            let all = cells.iter_mut().flatten().zip(known.iter().zip(&targets));
+            let all = open.iter_mut().zip(known.iter().zip(&targets));
             due = all
-                .filter(|(cell, ((error, _), target))| {
-                    *error > least * **target && cell.can_refine()
-                })
-                .map(|(cell, (_, target))| (cell, *target))
+                .filter(|(_, ((error, _), target))| *error > least * **target)
+                .map(|(cell, (_, target))| (&mut **cell, *target))
                 .collect();
             if !due.is_empty() {
                 break;

@@ -1,10 +1,10 @@
 //! What arrives from the directions of one cell: an image over positions.
 
-use super::block::Source;
 use super::cell::is_blind;
 use super::cover::Cover;
 use super::directions::Region;
 use super::outline::{Outline, Plane, corners};
+use super::source::Source;
 use super::stencil::{Footprint, Repeat, Sample, Taps, Turned};
 use super::summed::{Summed, Sums};
 use super::{Support, TransportGeometry};
@@ -103,6 +103,11 @@ impl<'a, S: Source> Slices<'a, S> {
         };
         slices.pictures = slices.prepared(way);
         Ok(slices)
+    }
+
+    /// What it was made for.
+    pub(super) fn parts(&self) -> (&'a TransportGeometry, &'a S, Levels) {
+        (self.geometry, self.source, self.levels)
     }
 
     /// The source's pictures for the fastest way, or for this one if it can be gone.

@@ -2,9 +2,11 @@
 //! the destination ever exists.
 
 use super::TransportGeometry;
-use super::block::Source;
+use super::block::SINGLE;
+use super::handover::Handover;
 use super::refine::{Order, Settling};
 use super::slice::{Room, Slices, Way};
+use super::source::Source;
 use crate::grid::Rgb;
 use crate::{CHILDREN, Cell, Levels, Result, Tree, children, pull};
 use rayon::prelude::*;
@@ -15,7 +17,7 @@ pub struct Sparse {
     /// Without the coefficients that the tolerance lets go.
     pub tree: Tree,
     /// Bound on the relative L² error: that of quadrature, estimated, plus that of
-    /// the coefficients let go, which is exact.
+    /// the coefficients let go, which is exact, plus rounding's to single precision.
     pub relative_error: f64,
 }
 
@@ -38,9 +40,11 @@ pub fn transport_sparse(
     tolerance: f64,
 ) -> Result<Sparse> {
     let slices = Slices::new(geometry, source, levels, Way::Fastest)?;
+    let tolerance = (tolerance - SINGLE).max(0.25 * SINGLE);
     let (order, usual) = probe(&slices, levels);
     let forest = Forest {
         slices: &slices,
+        handover: Handover::new(&slices),
         levels,
         quadrature: 0.4 * tolerance,
         letting_go: 0.6 * tolerance,
@@ -77,6 +81,7 @@ fn probe(slices: &Slices<'_, impl Source>, levels: Levels) -> (Order, f64) {
 
 struct Forest<'a, 'b, S> {
     slices: &'a Slices<'b, S>,
+    handover: Handover<'b, S>,
     levels: Levels,
     /// Relative errors allowed.
     quadrature: f64,
@@ -154,6 +159,9 @@ impl<S: Source> Forest<'_, '_, S> {
             let mut cell = Settling::begin(self.slices, direction, room)?;
             let target = self.quadrature * (0.5 * (cell.energy + self.usual)).sqrt();
             cell.settle(self.slices, target, self.order, room);
+            if cell.given_up() {
+                cell.hand_over(&self.handover, direction, target, self.order);
+            }
             branch.error += cell.error(self.order).powi(2);
             branch.energy += cell.energy;
             let scale = self.levels.scale(depth).recip();
@@ -303,7 +311,8 @@ impl Branch {
         let relative = |squares: f64| {
             if self.energy > 0.0 { (squares / self.energy).sqrt() } else { 0.0 }
         };
-        let relative_error = relative(self.error) + relative(self.lost);
+        let rounding = if self.energy > 0.0 { SINGLE } else { 0.0 };
+        let relative_error = relative(self.error) + relative(self.lost) + rounding;
         let tree = Tree::from_parts(levels, root, &masks, coefficients)
             .unwrap_or_else(|reason| panic!("nodes in order of their paths: {reason}"));
         Sparse { tree, relative_error }
@@ -476,6 +485,19 @@ mod tests {
                 "{levels:?}: {sizes:?}, {best}"
             );
         }
+    }
+
+    /// Where cells are handed over.
+    #[test]
+    fn a_tight_tolerance_is_met() {
+        let levels = Levels { position: 1, direction: 2 };
+        let dense = transport_within(&geometry(), &window(), levels, 1e-7);
+        let dense = TreeBuilder::from_grid(&dense.expect("straight grid lines").grid).finish();
+        let sparse = transport_sparse(&geometry(), &window(), levels, 1e-6);
+        let sparse = sparse.expect("straight grid lines");
+        let error = distance(&sparse.tree, &dense) / dense.norm_squared().sqrt();
+        let bound = sparse.relative_error;
+        assert!(error <= bound + 1e-7 && bound <= 1e-6, "{error} ± {bound}");
     }
 
     #[test]

@@ -56,6 +56,12 @@ impl Event {
         (-SLACK * length..=(1.0 + SLACK) * length).contains(&along)
     }
 
+    /// Whether the circle can pass through directions with cosines (μx, μy) in the box.
+    pub(super) fn meets(&self, dest_box: [DVec2; 2]) -> bool {
+        let (low, high) = cosine_bounds(dest_box);
+        self.crosses(low, high)
+    }
+
     /// Whether the circle can pass through directions with cosines in the box.
     fn crosses(&self, low: DVec3, high: DVec3) -> bool {
         let (a, b) = (self.n * low, self.n * high);

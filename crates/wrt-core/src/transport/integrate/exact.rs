@@ -48,9 +48,13 @@ impl Integrator for Exact {
         let mut evaluations = 0;
         // Shorter ones can hardly prove so many digits.
         let first_rule = usize::from(self.tolerance < 1e-8);
-        let pieces = Piece::all(pair, &events, &strips, first_rule, &mut evaluations);
-        let at = Pieces::of(pair, &events);
-        let (value, error) = integral(&at, pieces, self.tolerance, &mut evaluations);
+        let at = Pieces::of(pair, &events, None);
+        let mut open = Open::default();
+        for piece in Piece::all(&at, &strips, first_rule, &mut evaluations) {
+            open.add(&at, 0, 1.0, piece, &mut evaluations);
+        }
+        let (value, error) =
+            open.settle(std::slice::from_ref(&at), [self.tolerance, 0.0], &mut evaluations);
         let scale = 0.25 * pair.scale();
         let rounding = 4.0 * f64::EPSILON * value;
         // An estimate below the tolerance may be luck: no more is claimed than asked.
@@ -59,45 +63,84 @@ impl Integrator for Exact {
     }
 }
 
-/// The sum over `pieces` and its error estimate: the pieces of the largest errors
-/// are refined until the errors of all are within `tolerance` of the sum, or below
-/// what rounding leaves of it.
-fn integral(
-    at: &Pieces<'_, '_>,
-    pieces: Vec<Piece>,
-    tolerance: f64,
-    evaluations: &mut u64,
-) -> (f64, f64) {
-    let mut all: Vec<(Piece, Estimate)> = Vec::with_capacity(pieces.len());
-    for piece in pieces {
+/// Pieces of one or several pairs, of which a weighted sum is wanted.
+#[derive(Debug, Default)]
+pub(super) struct Open {
+    all: Vec<OpenPiece>,
+}
+
+#[derive(Debug)]
+struct OpenPiece {
+    /// Which of the pairs it belongs to, and what that counts.
+    pair: usize,
+    weight: f64,
+    piece: Piece,
+    estimate: Estimate,
+}
+
+impl Open {
+    /// Adds a piece of the pair with that number, which counts `weight` ≥ 0.
+    pub(super) fn add(
+        &mut self,
+        at: &Pieces<'_, '_>,
+        pair: usize,
+        weight: f64,
+        piece: Piece,
+        evaluations: &mut u64,
+    ) {
         let estimate = piece.integral(at, evaluations);
-        all.push((piece, estimate));
+        self.all.push(OpenPiece { pair, weight, piece, estimate });
     }
-    loop {
-        let sum = |part: fn(&Estimate) -> f64| all.iter().map(|(_, e)| part(e)).sum::<f64>();
-        let (value, rounding) = (sum(|e| e.value), sum(|e| e.rounding));
-        let error = sum(Estimate::error);
-        let allowed = (tolerance * value).max(rounding);
-        if error <= allowed || *evaluations >= MOST_EVALUATIONS {
-            return (value, error + rounding);
+
+    /// The sum and its error estimate: the pieces of the largest errors are refined
+    /// until the errors of all are within `relative` of the sum, or within `absolute`, or
+    /// below what rounding leaves of it.
+    pub(super) fn settle(
+        &mut self,
+        pairs: &[Pieces<'_, '_>],
+        [relative, absolute]: [f64; 2],
+        evaluations: &mut u64,
+    ) -> (f64, f64) {
+        let most = *evaluations + MOST_EVALUATIONS;
+        loop {
+            let sum = |part: fn(&Estimate) -> f64| {
+                self.all.iter().map(|open| open.weight * part(&open.estimate)).sum::<f64>()
+            };
+            let (value, rounding) = (sum(|e| e.value), sum(|e| e.rounding));
+            let error = sum(Estimate::error);
+            let allowed = (relative * value).max(absolute).max(rounding);
+            if error <= allowed || *evaluations >= most {
+                return (value, error + rounding);
+            }
+            // All at once that stand above what each may have: few rounds suffice.
+            let share = 0.5 * allowed / self.all.len() as f64;
+            for i in 0..self.all.len() {
+                let OpenPiece { pair, weight, piece, estimate } = &self.all[i];
+                let (pair, weight) = (*pair, *weight);
+                let least = share.max(0.1 * weight * estimate.rounding);
+                if weight * estimate.error() <= least {
+                    continue;
+                }
+                let [one, other] = piece.refined(estimate.errors);
+                let at = &pairs[pair];
+                if let Some(piece) = one {
+                    let estimate = piece.integral(at, evaluations);
+                    self.all[i] = OpenPiece { pair, weight, piece, estimate };
+                }
+                if let Some(piece) = other {
+                    self.add(at, pair, weight, piece, evaluations);
+                }
+            }
         }
-        // All at once that stand above what each may have: few rounds suffice.
-        let share = 0.5 * allowed / all.len() as f64;
-        for i in 0..all.len() {
-            let estimate = all[i].1;
-            if estimate.error() <= share.max(0.1 * estimate.rounding) {
-                continue;
-            }
-            let [one, other] = all[i].0.refined(estimate.errors);
-            if let Some(piece) = one {
-                let estimate = piece.integral(at, evaluations);
-                all[i] = (piece, estimate);
-            }
-            if let Some(piece) = other {
-                let estimate = piece.integral(at, evaluations);
-                all.push((piece, estimate));
-            }
+    }
+
+    /// The sum over the pieces of each of so many pairs, unweighted.
+    pub(super) fn values(&self, pairs: usize) -> Vec<f64> {
+        let mut values = vec![0.0; pairs];
+        for open in &self.all {
+            values[open.pair] += open.estimate.value;
         }
+        values
     }
 }
 

@@ -1,5 +1,6 @@
 //! Integrators of a transport coefficient (`tc_integrate`, §7.1.4.2, §7.2.4.2).
 
+mod beam;
 mod events;
 mod exact;
 #[cfg(test)]
@@ -17,6 +18,7 @@ mod visible;
 
 use super::Pair;
 
+pub(super) use beam::{Beam, Bends, integrals};
 pub(super) use strips::Strip;
 
 pub use exact::Exact;

@@ -3,11 +3,12 @@
 
 use super::super::pair::{Overlap, Pair};
 use super::super::shape::Shape;
+use super::beam::Beam;
 use super::events::Event;
 use super::nested::{self, Node};
 use super::strips::Strip;
 use crate::Chart;
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use std::rc::Rc;
 
 /// What bounds a piece in φ.
@@ -60,14 +61,15 @@ impl Estimate {
 }
 
 impl Piece {
-    /// The pieces that see anything, each with a nested `rule` to begin with; adds the evaluations this takes.
+    /// The pieces that see anything, each with a nested `rule` to begin with; adds the
+    /// evaluations this takes.
     pub(super) fn all(
-        pair: &Pair<'_>,
-        events: &[Event],
+        at: &Pieces<'_, '_>,
         strips: &[Strip],
         rule: usize,
         evaluations: &mut u64,
     ) -> Vec<Self> {
+        let Pieces { pair, events, .. } = *at;
         let mut pieces: Vec<Self> = Vec::new();
         let [low, high] = pair.dest_box();
         let mut cuts: Vec<(f64, Bound)> = Vec::new();
@@ -111,6 +113,9 @@ impl Piece {
                     if !pair.leaves_in_cell(middle) || pair.area(middle) <= 0.0 {
                         return None;
                     }
+                    if at.beam.is_some_and(|beam| beam.factor(middle).is_none()) {
+                        return None;
+                    }
                     // Nearer to one bound, where the shape is the same.
                     let other = direction(sine, cosine, 0.9 * from.0 + 0.1 * to.0);
                     pieces.push(Self {
@@ -136,8 +141,20 @@ impl Piece {
         pieces
     }
 
-    /// ∬ A cos²θ cosφ dφ dθ over the piece.
+    /// ∬ F A cos²θ cosφ dφ dθ over the piece, with the factor F of the beam if there is one.
     pub(super) fn integral(&self, at: &Pieces<'_, '_>, evaluations: &mut u64) -> Estimate {
+        match at.beam {
+            None => self.integral_of(at, |_| 1.0, evaluations),
+            Some(beam) => self.integral_of(at, |mu| beam.factor(mu).unwrap_or(0.0), evaluations),
+        }
+    }
+
+    fn integral_of(
+        &self,
+        at: &Pieces<'_, '_>,
+        factor: impl Fn(DVec3) -> f64,
+        evaluations: &mut u64,
+    ) -> Estimate {
         let rules = self.rules.map(|rule| nested::RULES[rule]);
         let [wide, high] = [0, 1].map(|d| self.high[d] - self.low[d]);
         let middle = rules[1].len() / 2;
@@ -158,20 +175,21 @@ impl Piece {
                 let phi = from + width * (self.low[1] + high * x);
                 let (sin_phi, cos_phi) = phi.sin_cos();
                 let mu = DVec3::new(sine, cosine * sin_phi, cosine * cos_phi);
+                let factor = factor(mu);
                 let overlap = if i == middle {
                     let overlap = match &self.shape {
                         Some(shape) => shape.overlap(at.pair, mu),
                         None => at.pair.overlap(mu),
                     };
                     let off = at.rounding.of_area(&overlap, mu.z);
-                    out.rounding += node.weight * scale * cos_phi * off;
+                    out.rounding += node.weight * scale * cos_phi * off * factor;
                     overlap.area
                 } else if let Some(shape) = &self.shape {
                     shape.area(at.pair, mu)
                 } else {
                     at.pair.area(mu)
                 };
-                let value = scale * cos_phi * overlap;
+                let value = scale * cos_phi * overlap * factor;
                 fine += weight * value;
                 coarse += short * value;
                 columns[i] += node.weight * value;
@@ -188,6 +206,28 @@ impl Piece {
             out.errors = out.errors.map(|difference| nested::error(difference, out.value));
         }
         out
+    }
+
+    /// The parts of the piece that nothing changes much on that changes by about itself
+    /// over an angle of `scale`; at most 64 along either side.
+    pub(super) fn split(self, at: &Pieces<'_, '_>, scale: f64) -> Vec<Self> {
+        let (from, to) = (self.strip.at(0.0).0, self.strip.at(1.0).0);
+        let wide = (0..=4).filter_map(|i| {
+            let (sine, cosine) = self.strip.at(0.25 * f64::from(i)).0.sin_cos();
+            let [from, to] = self.bounds.map(|bound| bound.at(at.events, sine, cosine));
+            Some((to? - from?) * cosine)
+        });
+        let sizes = [to - from, wide.fold(0.0, f64::max)];
+        let [n, m] = sizes.map(|size| (size / (2.0 * scale)).ceil().clamp(1.0, 64.0) as u32);
+        let part = |i: u32| {
+            let mut part = self.clone();
+            for (d, i, n) in [(0, i % n, n), (1, i / n, m)] {
+                part.low[d] = f64::from(i) / f64::from(n);
+                part.high[d] = f64::from(i + 1) / f64::from(n);
+            }
+            part
+        };
+        (0..n * m).map(part).collect()
     }
 
     /// The piece refined where it is known worst: a longer rule first, halves then.
@@ -207,10 +247,29 @@ impl Piece {
     }
 }
 
+/// A direction between each two neighbouring breakpoints of each of the `strips` that
+/// `events` cut a direction cell into.
+pub(super) fn between([low, high]: [DVec2; 2], events: &[Event], strips: &[Strip]) -> Vec<DVec3> {
+    let mut out = Vec::new();
+    for strip in strips {
+        let (sine, cosine) = strip.at(0.5).0.sin_cos();
+        let ends = [low.y, high.y].map(|y| Bound::Border(y).at(events, sine, cosine));
+        let [Some(first), Some(last)] = ends else { continue };
+        let roots = events.iter().flat_map(|event| event.roots(sine, cosine)).flatten();
+        let mut cuts: Vec<f64> = roots.filter(|&phi| first < phi && phi < last).collect();
+        cuts.extend([first, last]);
+        cuts.sort_unstable_by(f64::total_cmp);
+        out.extend(cuts.windows(2).map(|w| direction(sine, cosine, 0.5 * (w[0] + w[1]))));
+    }
+    out
+}
+
 /// What the pieces of a pair lie in.
 pub(super) struct Pieces<'a, 'b> {
     pub(super) pair: &'a Pair<'b>,
     pub(super) events: &'a [Event],
+    /// What light counts by its direction; as much everywhere if there is none.
+    beam: Option<&'a Beam<'a>>,
     rounding: Rounding,
     /// Whether longer rules gain what they do for functions analytic well beyond
     /// their piece. Near a corner that is all but doubled a perspective chart's
@@ -219,7 +278,7 @@ pub(super) struct Pieces<'a, 'b> {
 }
 
 impl<'a, 'b> Pieces<'a, 'b> {
-    pub(super) fn of(pair: &'a Pair<'b>, events: &'a [Event]) -> Self {
+    pub(super) fn of(pair: &'a Pair<'b>, events: &'a [Event], beam: Option<&'a Beam<'a>>) -> Self {
         let smooth = match pair.geometry().dest().chart() {
             Chart::Perspective { to_uv, .. } => {
                 let corners = pair.dests().iter().flat_map(|dest| dest.vertices());
@@ -230,7 +289,8 @@ impl<'a, 'b> Pieces<'a, 'b> {
             }
             Chart::Rectilinear { .. } | Chart::Bilinear { .. } => true,
         };
-        Self { pair, events, rounding: Rounding::of(pair), smooth }
+        let smooth = smooth && beam.is_none_or(|beam| beam.analytic);
+        Self { pair, events, beam, rounding: Rounding::of(pair), smooth }
     }
 }
 
