@@ -11,6 +11,7 @@ mod paper;
 mod read_wct;
 mod render;
 mod report;
+mod seam;
 mod smooth;
 mod support;
 mod transport;

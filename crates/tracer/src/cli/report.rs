@@ -35,7 +35,7 @@ pub(crate) struct Everything {
     #[arg(long, value_name = "FOLDER", default_value = "scenes")]
     pub(crate) scenes: PathBuf,
 
-    /// Small pictures and few runs: about two minutes instead of half an hour.
+    /// Small pictures and few runs: about two minutes instead of an hour.
     #[arg(long)]
     pub(crate) quick: bool,
 

@@ -32,7 +32,11 @@ fn check(bytes: &[u8]) {
     assert_eq!(again, file);
     for patch in &file.patches {
         let _ = patch.polygon.to_polygon();
-        let _ = Sampler::new(&patch.tree).multilinear([0.3, 0.9, 0.6, 0.4]);
+        // Finding all bricks of a fine one would take nearly all of the time.
+        let levels = patch.tree.levels();
+        if levels.position + levels.direction < 5 {
+            let _ = Sampler::new(&patch.tree).multilinear([0.3, 0.9, 0.6, 0.4]);
+        }
     }
     for patch in &file.smooth {
         let _ = patch.polygon.to_polygon();
