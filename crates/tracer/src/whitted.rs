@@ -361,6 +361,7 @@ impl Whitted<'_> {
     }
 }
 
+/// What the neighbours of `beam` see of the plane that it hits.
 fn beside(beam: &Beam, hit: &Hit) -> [Beside; 2] {
     let positions = beam.footprint(hit.position, hit.normal);
     [0, 1].map(|i| Beside { position: positions[i], to_eye: beam.direction - beam.beside[i].1 })

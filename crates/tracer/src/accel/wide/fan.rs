@@ -12,8 +12,8 @@ use glam::{DVec3, Vec3};
 pub(in crate::accel) const RAYS: usize = 16;
 
 /// The farthest from the scaled frame's origin, along an axis, that a fan may begin:
-/// four times the scene's half extent. Single precision then moves what is seen by less
-/// than a quarter of what boxes are padded by.
+/// at least four times the scene's half extent. Single precision then moves planes by less
+/// than half of what boxes are padded by.
 const FARTHEST: f64 = 4096.0;
 
 /// Up to [`RAYS`] rays from one point whose directions have the same signs, in single
@@ -86,8 +86,8 @@ impl FanRays {
 
 impl Wide {
     /// Calls `block` for each block whose box some rays meet within their reach, with
-    /// the bits of those, nearest boxes first. It may shorten the rays' reach; how many
-    /// are left to be looked along it returns.
+    /// the bits of those, nearest boxes first. It may shorten the rays' reach; one of less
+    /// than nothing ends a ray.
     #[inline(always)]
     pub(in crate::accel) fn traverse_fan<S: Simd>(
         &self,
