@@ -20,6 +20,7 @@ use block::{Block, Meeting, ShearedRay};
 use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
+use rayon::prelude::*;
 use wide::{Next, SlabRay, Wide};
 
 /// Triangles of a block, tested at once.
@@ -130,7 +131,7 @@ impl Accel {
         for p in triangles.iter_mut().flatten() {
             *p = (*p - centre) * scale;
         }
-        let boxes: Vec<Aabb> = triangles.iter().map(padded_box).collect();
+        let boxes: Vec<Aabb> = triangles.par_iter().map(padded_box).collect();
         let (hierarchy, order) = Wide::new(&boxes);
         let block = |members: &[Option<u32>; LANES]| {
             Block::new(members.map(|i| i.map(|i| triangles[i as usize])))
@@ -139,7 +140,7 @@ impl Accel {
         Self {
             level: Level::new(),
             hierarchy,
-            blocks: order.iter().map(block).collect(),
+            blocks: order.par_iter().map(block).collect(),
             owners: order.iter().map(|members| members.map(owner)).collect(),
             cutouts,
             centre,
