@@ -1,20 +1,17 @@
 //! A hierarchy of boxes, eight to a node, each node tested at once.
 //!
-//! obvhs joins the boxes in pairs; its binary tree is flattened here by opening
-//! the largest box until a node has eight. A node is 256 bytes with its children's
+//! obvhs joins the boxes in pairs; its binary tree is flattened here. A node is 256 bytes with its children's
 //! planes as they are. obvhs's own nodes of eight have 80, but its tests of them are
 //! compiled for SSE2, and must take the triangles one at a time.
 
+mod collapse;
 pub(super) mod fan;
 
 use super::LANES;
+use collapse::Collapse;
 use fearless_simd::{f32x8, prelude::*};
 use glam::{DVec3, Vec3A};
-use obvhs::{
-    BvhBuildParams,
-    aabb::Aabb,
-    bvh2::{Bvh2, builder::build_bvh2},
-};
+use obvhs::{BvhBuildParams, aabb::Aabb, bvh2::builder::build_bvh2};
 use std::time::Duration;
 
 /// Children of a node.
@@ -95,10 +92,10 @@ impl Wide {
         }
         wide.nodes.push(Node::EMPTY);
         // The root of a binary tree has no sibling, and may be a leaf.
-        let mut open = vec![(0, vec![0_u32])];
-        while let Some((index, children)) = open.pop() {
-            let children = widened(&binary, children);
-            for (lane, &child) in children.iter().enumerate() {
+        let mut open = vec![(0, 0)];
+        let collapse = Collapse::new(&binary);
+        while let Some((index, whole)) = open.pop() {
+            for (lane, child) in collapse.children(whole).into_iter().enumerate() {
                 let source = &binary.nodes[child as usize];
                 let bounds = source.aabb();
                 let code = if source.is_leaf() {
@@ -109,7 +106,7 @@ impl Wide {
                 } else {
                     wide.nodes.push(Node::EMPTY);
                     let node = wide.nodes.len() - 1;
-                    open.push((node, vec![source.first_index, source.first_index + 1]));
+                    open.push((node, child));
                     node as u32
                 };
                 let node = &mut wide.nodes[index];
@@ -240,24 +237,6 @@ impl Stack {
         self.len = self.len.checked_sub(1)?;
         Some(self.top[self.len])
     }
-}
-
-/// The nodes of `binary` to put below one node: `children`, with the largest inner
-/// ones opened while there is room.
-fn widened(binary: &Bvh2, mut children: Vec<u32>) -> Vec<u32> {
-    let node = |child: u32| &binary.nodes[child as usize];
-    while children.len() < WIDTH {
-        let area = |child: u32| node(child).aabb().half_area();
-        let inner = (0..children.len()).filter(|&i| !node(children[i]).is_leaf());
-        let Some(largest) = inner.max_by(|&i, &j| area(children[i]).total_cmp(&area(children[j])))
-        else {
-            break;
-        };
-        let first = node(children[largest]).first_index;
-        children[largest] = first;
-        children.push(first + 1);
-    }
-    children
 }
 
 #[cfg(test)]
