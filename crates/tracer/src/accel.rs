@@ -15,8 +15,8 @@ mod block;
 mod fan;
 mod wide;
 
-use crate::scene::{Cutout, Scene};
-use block::{Block, Meeting, ShearedRay};
+use crate::scene::{Cutout, Mesh, Scene};
+use block::{Block, Meeting, Owner, ShearedRay};
 use fearless_simd::{Level, Simd, dispatch};
 use glam::DVec3;
 use obvhs::aabb::Aabb;
@@ -62,15 +62,21 @@ pub(crate) struct Hit {
     pub(crate) opacity: f32,
 }
 
-/// What is known of a triangle beside its corners.
-#[derive(Clone, Copy, Debug, Default)]
-struct Owner {
-    mesh: u32,
-    index: u32,
+/// What a ray meets, before anything is known of the place but where it is.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found {
+    block: u32,
+    lane: u32,
+    meeting: Meeting,
+}
+
+/// What a mesh does to rays.
+#[derive(Debug)]
+struct Cover {
     /// What a shadow ray keeps in passing: 0 for opaque.
     transmission: f32,
-    /// Whether its mesh has a [`Cutout`].
-    cut: bool,
+    /// Where it is not opaque.
+    cutout: Option<Cutout>,
 }
 
 /// All triangles of a scene, ready for rays.
@@ -80,14 +86,14 @@ pub(crate) struct Accel {
     hierarchy: Wide,
     /// As the hierarchy numbers them.
     blocks: Vec<Block>,
-    /// Of the blocks' triangles.
-    owners: Vec<[Owner; LANES]>,
-    /// One a mesh, where it is not opaque.
-    cutouts: Vec<Option<Cutout>>,
+    /// One a mesh.
+    covers: Vec<Cover>,
     /// World position of the scaled frame's origin.
     centre: DVec3,
     /// Scaled units per metre, a power of two.
     scale: f64,
+    /// One over it.
+    metres: f64,
     /// Half the scaled scene's sides, padded.
     half_sides: DVec3,
     /// How far secondary rays start from a surface, in metres.
@@ -105,9 +111,7 @@ impl Accel {
     pub(crate) fn new(scene: &Scene) -> Self {
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let (mut triangles, mut owners) = (Vec::new(), Vec::new());
-        let cutouts: Vec<_> = scene.meshes.iter().map(|mesh| Cutout::of(scene, mesh)).collect();
         for (m, mesh) in scene.meshes.iter().enumerate() {
-            let transmission = scene.materials[mesh.material].transmission.clamp(0.0, 1.0);
             for (i, corners) in mesh.triangles.iter().enumerate() {
                 let p = corners.map(|corner| mesh.positions[corner as usize]);
                 if !normal_of(p).is_finite() {
@@ -117,9 +121,8 @@ impl Accel {
                     (low, high) = (low.min(p), high.max(p));
                 }
                 let index = |i| u32::try_from(i).expect("fewer than 2³² triangles");
-                let (mesh, index) = (index(m), index(i));
                 triangles.push(p);
-                owners.push(Owner { mesh, index, transmission, cut: cutouts[m].is_some() });
+                owners.push(Owner { mesh: index(m), triangle: index(i) });
             }
         }
         if triangles.is_empty() {
@@ -133,18 +136,20 @@ impl Accel {
         }
         let boxes: Vec<Aabb> = triangles.par_iter().map(padded_box).collect();
         let (hierarchy, order) = Wide::new(&boxes);
-        let block = |members: &[Option<u32>; LANES]| {
-            Block::new(members.map(|i| i.map(|i| triangles[i as usize])))
+        let member = |i: u32| (triangles[i as usize], owners[i as usize]);
+        let block = |members: &[Option<u32>; LANES]| Block::new(members.map(|i| i.map(member)));
+        let cover = |mesh: &Mesh| Cover {
+            transmission: scene.materials[mesh.material].transmission.clamp(0.0, 1.0),
+            cutout: Cutout::of(scene, mesh),
         };
-        let owner = |i: Option<u32>| i.map_or_else(Owner::default, |i| owners[i as usize]);
         Self {
             level: Level::new(),
             hierarchy,
             blocks: order.par_iter().map(block).collect(),
-            owners: order.iter().map(|members| members.map(owner)).collect(),
-            cutouts,
+            covers: scene.meshes.iter().map(cover).collect(),
             centre,
             scale,
+            metres: scale.recip(),
             half_sides: half_sides * scale + f64::from(PADDING),
             offset: OFFSET * low.abs().max(high.abs()).max_element(),
         }
@@ -160,18 +165,30 @@ impl Accel {
         tmin: f64,
         tmax: f64,
     ) -> Option<Hit> {
-        dispatch!(self.level, simd => self.closest_with(simd, origin, direction, tmin, tmax))
+        let found = self.find(origin, direction, tmin, tmax)?;
+        Some(self.hit(&found, direction))
+    }
+
+    /// [`closest`](Self::closest), to be [looked at](Self::hit).
+    pub(crate) fn find(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        tmin: f64,
+        tmax: f64,
+    ) -> Option<Found> {
+        dispatch!(self.level, simd => self.find_with(simd, origin, direction, tmin, tmax))
     }
 
     #[inline(always)]
-    fn closest_with<S: Simd>(
+    fn find_with<S: Simd>(
         &self,
         simd: S,
         origin: DVec3,
         direction: DVec3,
         tmin: f64,
         tmax: f64,
-    ) -> Option<Hit> {
+    ) -> Option<Found> {
         let ray = self.enter(origin, direction, tmin, tmax)?;
         let mut best = None;
         let mut tmax = ray.tmax;
@@ -180,80 +197,66 @@ impl Accel {
             &ray.slabs,
             #[inline(always)]
             |i| {
-                self.closer(simd, i as usize, &ray.sheared, ray.tmin, &mut tmax, &mut best);
+                self.closer(simd, i, &ray.sheared, ray.tmin, &mut tmax, &mut best);
                 Next::Within(ray.single(tmax))
             },
         );
-        let (place, meeting) = best?;
-        Some(self.hit(place, &meeting, direction))
+        best
     }
 
-    /// Puts what a ray meets in the block `i` into `best`, and its distance into `tmax`,
-    /// if it is not farther than that.
+    /// Puts what a ray meets in a block into `best`, and its distance into `tmax`, if it
+    /// is not farther than that.
     #[inline(always)]
     fn closer<S: Simd>(
         &self,
         simd: S,
-        i: usize,
+        block: u32,
         ray: &ShearedRay,
         tmin: f64,
         tmax: &mut f64,
-        best: &mut Option<((usize, usize), Meeting)>,
+        best: &mut Option<Found>,
     ) {
-        let mut meetings = ray.meets(simd, &self.blocks[i], tmin, *tmax);
+        let mut meetings = ray.meets(simd, &self.blocks[block as usize], tmin, *tmax);
         while meetings.met != 0 {
-            let place = (i, meetings.take());
-            self.nearer(place, meetings.at(place.1), tmax, best);
+            let lane = meetings.take();
+            let found = Found { block, lane, meeting: meetings.at(lane) };
+            let t = found.meeting.t;
+            let later = |best: &Found| best.meeting.t == t && self.owner(best) < self.owner(&found);
+            let farther = t > *tmax || best.as_ref().is_some_and(later);
+            if !farther && self.opacity(&found) != 0.0 {
+                (*best, *tmax) = (Some(found), t);
+            }
         }
     }
 
-    /// Puts a meeting at `place` into `best`, and its distance into `tmax`, if it is not
-    /// farther than that.
-    #[inline(always)]
-    fn nearer(
-        &self,
-        place: (usize, usize),
-        meeting: Meeting,
-        tmax: &mut f64,
-        best: &mut Option<((usize, usize), Meeting)>,
-    ) {
-        let order = |(i, lane): (usize, usize)| {
-            let owner = &self.owners[i][lane];
-            (owner.mesh, owner.index)
-        };
-        let farther = meeting.t > *tmax
-            || best.is_some_and(|(b, nearest)| nearest.t == meeting.t && order(b) < order(place));
-        if !farther && self.opacity(place, &meeting) != 0.0 {
-            (*best, *tmax) = (Some((place, meeting)), meeting.t);
-        }
-    }
-
-    fn hit(&self, place: (usize, usize), meeting: &Meeting, direction: DVec3) -> Hit {
-        let Meeting { t, barycentric: (u, v) } = *meeting;
-        let owner = &self.owners[place.0][place.1];
-        let p = self.blocks[place.0].triangle(place.1);
+    /// What there is where a ray along the unit `direction` has found something.
+    pub(crate) fn hit(&self, found: &Found, direction: DVec3) -> Hit {
+        let Owner { mesh, triangle } = self.owner(found);
+        let p = self.blocks[found.block as usize].triangle(found.lane);
         let normal = normal_of(p);
-        let metres = self.scale.recip();
+        let (u, v) = found.meeting.barycentric();
         Hit {
-            mesh: owner.mesh as usize,
-            triangle: owner.index,
-            t: t * metres,
+            mesh: mesh as usize,
+            triangle,
+            t: found.meeting.t * self.metres,
             barycentric: (u, v),
-            position: (p[0] + u * (p[1] - p[0]) + v * (p[2] - p[0])) * metres + self.centre,
+            position: (p[0] + u * (p[1] - p[0]) + v * (p[2] - p[0])) * self.metres + self.centre,
             normal,
             front: normal.dot(direction) < 0.0,
-            opacity: self.opacity(place, meeting),
+            opacity: self.opacity(found),
         }
     }
 
     #[inline]
-    fn opacity(&self, (block, lane): (usize, usize), meeting: &Meeting) -> f32 {
-        let owner = &self.owners[block][lane];
-        if !owner.cut {
-            return 1.0;
-        }
-        let cutout = self.cutouts[owner.mesh as usize].as_ref();
-        cutout.map_or(1.0, |cutout| cutout.opacity(owner.index, meeting.barycentric))
+    fn owner(&self, found: &Found) -> Owner {
+        self.blocks[found.block as usize].owner(found.lane)
+    }
+
+    #[inline]
+    fn opacity(&self, found: &Found) -> f32 {
+        let Owner { mesh, triangle } = self.owner(found);
+        let cutout = self.covers[mesh as usize].cutout.as_ref();
+        cutout.map_or(1.0, |cutout| cutout.opacity(triangle, found.meeting.barycentric()))
     }
 
     /// Whether anything opaque is between two points.
@@ -276,6 +279,7 @@ impl Accel {
     /// The fraction of light that goes over the distance `reach`, which may be infinite,
     /// along the unit `direction`: 0 behind something opaque, the product of the
     /// transmissions of what is clear. Refraction does not bend it.
+    #[cfg(test)]
     pub(crate) fn visibility_along(&self, origin: DVec3, direction: DVec3, reach: f64) -> f32 {
         dispatch!(self.level, simd => self.visibility_with(simd, origin, direction, reach))
     }
@@ -295,22 +299,23 @@ impl Accel {
             &ray.slabs,
             #[inline(always)]
             |i| {
-                visibility *= self.passed(simd, i as usize, &ray.sheared, ray.tmin, ray.tmax);
+                visibility *= self.passed(simd, i, &ray.sheared, ray.tmin, ray.tmax);
                 if visibility == 0.0 { Next::Stop } else { Next::Within(ray.reach) }
             },
         );
         visibility
     }
 
-    /// What a shadow ray keeps in passing the block `i`.
+    /// What a shadow ray keeps in passing a block.
     #[inline(always)]
-    fn passed<S: Simd>(&self, simd: S, i: usize, ray: &ShearedRay, tmin: f64, tmax: f64) -> f32 {
+    fn passed<S: Simd>(&self, simd: S, block: u32, ray: &ShearedRay, tmin: f64, tmax: f64) -> f32 {
         let mut kept = 1.0;
-        let mut meetings = ray.meets(simd, &self.blocks[i], tmin, tmax);
+        let mut meetings = ray.meets(simd, &self.blocks[block as usize], tmin, tmax);
         while meetings.met != 0 {
-            let place = (i, meetings.take());
-            let opacity = self.opacity(place, &meetings.at(place.1));
-            kept *= 1.0 - opacity * (1.0 - self.owners[i][place.1].transmission);
+            let lane = meetings.take();
+            let found = Found { block, lane, meeting: meetings.at(lane) };
+            let transmission = self.covers[self.owner(&found).mesh as usize].transmission;
+            kept *= 1.0 - self.opacity(&found) * (1.0 - transmission);
         }
         kept
     }
@@ -344,7 +349,7 @@ impl Accel {
         let reach = ((far - near) as f32).next_up() + PADDING;
         Some(Entered {
             slabs: SlabRay::new(origin + near * direction, direction, reach),
-            sheared: ShearedRay::new(origin, direction, inverse),
+            sheared: ShearedRay::new(origin, direction),
             skipped: near,
             reach,
             tmin,

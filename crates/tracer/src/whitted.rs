@@ -9,7 +9,7 @@ mod refraction;
 mod turns;
 
 use crate::{
-    accel::{Accel, Hit},
+    accel::{Accel, Found, Hit},
     camera::Beam,
     emitters::{AreaEmitter, lobe_factor},
     phong::{Surface, Unshadowed},
@@ -136,6 +136,10 @@ struct Branch {
     weight: f32,
 }
 
+impl Branch {
+    const START: Self = Self { depth: 0, weight: 1.0 };
+}
+
 /// How many surfaces with alpha in a row a ray sees through.
 const MAX_LAYERS: u32 = 64;
 
@@ -143,36 +147,39 @@ impl Whitted<'_> {
     /// Radiance that arrives along `beam`.
     #[cfg(test)]
     fn radiance(&self, beam: &Beam, sample: &mut Sample) -> Vec3 {
-        self.radiance_from(self.next(beam, 0.0), beam, sample)
+        self.trace(self.next(beam, 0.0), beam, Branch::START, sample)
     }
 
     /// Radiance that arrives along `beam`, of which `first` is the
     /// [`first hit`](Self::first_hits).
     pub(crate) fn radiance_from(
         &self,
-        first: Option<Hit>,
+        first: Option<Found>,
         beam: &Beam,
         sample: &mut Sample,
     ) -> Vec3 {
-        self.trace(first, beam, Branch { depth: 0, weight: 1.0 }, sample)
+        let first = first.map(|found| self.accel.hit(&found, beam.direction));
+        self.trace(first, beam, Branch::START, sample)
     }
 
-    /// What each of `beams` meets first, put into `hits`. Those from one point go
+    /// What each of `beams` meets first, put into `found`. Those from one point go
     /// together.
     pub(crate) fn first_hits(
         &self,
         beams: &[Beam],
         directions: &mut Vec<DVec3>,
-        hits: &mut Vec<Option<Hit>>,
+        found: &mut Vec<Option<Found>>,
     ) {
         let origin = beams.first().map_or(DVec3::ZERO, |beam| beam.origin);
         if beams.iter().all(|beam| beam.origin == origin) {
             directions.clear();
             directions.extend(beams.iter().map(|beam| beam.direction));
-            self.accel.closest_of(origin, directions, hits);
+            self.accel.find_of(origin, directions, found);
         } else {
-            hits.clear();
-            hits.extend(beams.iter().map(|beam| self.next(beam, 0.0)));
+            let find =
+                |beam: &Beam| self.accel.find(beam.origin, beam.direction, 0.0, f64::INFINITY);
+            found.clear();
+            found.extend(beams.iter().map(find));
         }
     }
 

@@ -5,21 +5,42 @@ use super::wide::fan::RAYS;
 use fearless_simd::{f32x16, f64x4, prelude::*};
 use glam::DVec3;
 
-/// Corners of up to [`LANES`] triangles in the scaled frame: by corner, axis and
-/// triangle. What is missing is not a number, which no ray meets.
+/// Which of the scene's triangles it is, in the scene's order.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct Owner {
+    pub(super) mesh: u32,
+    pub(super) triangle: u32,
+}
+
+/// Up to [`LANES`] triangles: five cache lines, all of which a test reads.
 #[derive(Clone, Debug)]
-#[repr(C, align(32))]
+#[repr(C, align(64))]
 pub(super) struct Block {
+    /// In the scaled frame, by corner, axis and triangle. What is missing is not a
+    /// number, which no ray meets.
     corners: [[[f64; LANES]; 3]; 3],
+    owners: [Owner; LANES],
 }
 
 impl Block {
-    pub(super) fn new(triangles: [Option<[DVec3; 3]>; LANES]) -> Self {
+    pub(super) fn new(triangles: [Option<([DVec3; 3], Owner)>; LANES]) -> Self {
         let at = |corner: usize, axis: usize, lane: usize| {
-            triangles[lane].map_or(f64::NAN, |p: [DVec3; 3]| p[corner][axis])
+            triangles[lane].map_or(f64::NAN, |(p, _)| p[corner][axis])
         };
         let from_fn = |corner| [0, 1, 2].map(|axis| std::array::from_fn(|l| at(corner, axis, l)));
-        Self { corners: [0, 1, 2].map(from_fn) }
+        Self {
+            corners: [0, 1, 2].map(from_fn),
+            owners: triangles.map(|triangle| triangle.map_or_else(Owner::default, |(_, o)| o)),
+        }
+    }
+
+    pub(super) fn owner(&self, lane: u32) -> Owner {
+        self.owners[lane as usize % LANES]
+    }
+
+    pub(super) fn triangle(&self, lane: u32) -> [DVec3; 3] {
+        let lane = lane as usize % LANES;
+        self.corners.each_ref().map(|p| DVec3::new(p[0][lane], p[1][lane], p[2][lane]))
     }
 
     /// Its edges as seen from `origin` in the scaled frame.
@@ -30,10 +51,6 @@ impl Block {
         let b = from_point(simd, b, origin);
         let c = from_point(simd, c, origin);
         Edges { normals: [cross(c, b), cross(a, c), cross(b, a)] }
-    }
-
-    pub(super) fn triangle(&self, lane: usize) -> [DVec3; 3] {
-        self.corners.each_ref().map(|p| DVec3::new(p[0][lane], p[1][lane], p[2][lane]))
     }
 }
 
@@ -83,7 +100,18 @@ impl Edges {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Meeting {
     pub(super) t: f64,
-    pub(super) barycentric: (f64, f64),
+    /// Edge functions opposite the second and the third corner, and the sum of all three.
+    v: f64,
+    w: f64,
+    determinant: f64,
+}
+
+impl Meeting {
+    /// Weights of the second and the third corner.
+    #[inline]
+    pub(super) fn barycentric(&self) -> (f64, f64) {
+        (self.v / self.determinant, self.w / self.determinant)
+    }
 }
 
 /// Where a ray meets the triangles of a block.
@@ -100,21 +128,27 @@ pub(super) struct Meetings {
 impl Meetings {
     /// The next triangle that is met; there must be one.
     #[inline(always)]
-    pub(super) fn take(&mut self) -> usize {
-        let lane = self.met.trailing_zeros() as usize % LANES;
+    pub(super) fn take(&mut self) -> u32 {
+        let lane = self.met.trailing_zeros();
         self.met &= self.met - 1;
         lane
     }
 
-    pub(super) fn at(&self, lane: usize) -> Meeting {
-        let d = self.determinant[lane];
-        Meeting { t: self.t[lane], barycentric: (self.v[lane] / d, self.w[lane] / d) }
+    #[inline(always)]
+    pub(super) fn at(&self, lane: u32) -> Meeting {
+        let lane = lane as usize % LANES;
+        Meeting {
+            t: self.t[lane],
+            v: self.v[lane],
+            w: self.w[lane],
+            determinant: self.determinant[lane],
+        }
     }
 }
 
 /// A ray in the scaled frame with the shear that turns it into +z (Woop et al.,
 /// §3.1).
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub(super) struct ShearedRay {
     origin: [f64; 3],
     /// The axes that become x, y and z.
@@ -123,12 +157,11 @@ pub(super) struct ShearedRay {
 }
 
 impl ShearedRay {
-    /// `inverse` is one over `direction`.
     #[inline(always)]
-    pub(super) fn new(origin: DVec3, direction: DVec3, inverse: DVec3) -> Self {
+    pub(super) fn new(origin: DVec3, direction: DVec3) -> Self {
         let z = direction.abs().max_position();
         let [x, y] = [(z + 1) % 3, (z + 2) % 3];
-        let scale = inverse[z];
+        let scale = direction[z].recip();
         let shear = [direction[x] * scale, direction[y] * scale, scale];
         Self { origin: origin.to_array(), axes: [x, y, z], shear }
     }

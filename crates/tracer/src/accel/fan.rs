@@ -2,8 +2,8 @@
 //! rays. They find what each would find alone.
 
 use super::block::ShearedRay;
-use super::wide::fan::{FanRays, RAYS, octant};
-use super::{Accel, Hit};
+use super::wide::fan::{FanRays, RAYS, bits, signs};
+use super::{Accel, Found};
 use fearless_simd::{Simd, dispatch};
 use glam::DVec3;
 
@@ -13,97 +13,46 @@ const FEW: u32 = 5;
 /// Rays of a fan from which on a block's edges are looked at for all of them first.
 const MANY: u32 = 3;
 
-/// A fan in the scaled frame, in double precision.
-struct Fan {
-    origin: DVec3,
-    sheared: [ShearedRay; RAYS],
-    tmax: [f64; RAYS],
-    /// In single precision, by axis.
-    directions: [[f32; RAYS]; 3],
-}
-
-/// The rays among `left` whose directions have the signs of the first's, and those.
-fn alike(directions: &[DVec3], left: u32) -> (u32, [bool; 3]) {
-    let backward = octant(directions[left.trailing_zeros() as usize]);
-    let same = |of: u32, (ray, direction): (usize, &DVec3)| {
-        if octant(*direction) == backward { of | 1 << ray } else { of }
-    };
-    (left & directions.iter().enumerate().fold(0, same), backward)
-}
-
-/// The places of the bits in `of`.
-fn bits(mut of: u32) -> impl Iterator<Item = usize> {
-    std::iter::from_fn(move || {
-        let ray = (of != 0).then_some(of.trailing_zeros() as usize % RAYS);
-        of &= of.wrapping_sub(1);
-        ray
-    })
-}
-
 impl Accel {
-    /// [`closest`](Self::closest) along each of the unit `directions` from `origin` on,
-    /// however far, put into `hits`.
-    pub(crate) fn closest_of(
+    /// [`find`](Self::find) along each of the unit `directions` from `origin` on, however
+    /// far, put into `found`.
+    pub(crate) fn find_of(
         &self,
         origin: DVec3,
         directions: &[DVec3],
-        hits: &mut Vec<Option<Hit>>,
+        found: &mut Vec<Option<Found>>,
     ) {
-        hits.clear();
-        for directions in directions.chunks(RAYS) {
-            let at = hits.len();
-            hits.resize(at + directions.len(), None);
-            let hits = &mut hits[at..];
-            if directions.len() <= FEW as usize {
-                for (hit, direction) in hits.iter_mut().zip(directions) {
-                    *hit = self.closest(origin, *direction, 0.0, f64::INFINITY);
-                }
-                continue;
-            }
-            dispatch!(self.level, simd => self.closest_with_fan(simd, origin, directions, hits));
+        found.clear();
+        found.resize(directions.len(), None);
+        for (directions, found) in directions.chunks(RAYS).zip(found.chunks_mut(RAYS)) {
+            dispatch!(self.level, simd => self.find_with_fan(simd, origin, directions, found));
         }
     }
 
     #[inline(always)]
-    fn closest_with_fan<S: Simd>(
+    fn find_with_fan<S: Simd>(
         &self,
         simd: S,
         origin: DVec3,
         directions: &[DVec3],
-        hits: &mut [Option<Hit>],
+        found: &mut [Option<Found>],
     ) {
-        let mut left = (1 << directions.len()) - 1;
-        while left != 0 {
-            let (of, backward) = alike(directions, left);
-            left &= !of;
-            let reach = [f64::INFINITY; RAYS];
-            let Some((mut rays, mut fan)) = self.fan(origin, directions, backward, of, &reach)
-            else {
-                for ray in bits(of) {
-                    hits[ray] =
-                        self.closest_with(simd, origin, directions[ray], 0.0, f64::INFINITY);
-                }
-                continue;
-            };
-            let mut best = [None; RAYS];
-            self.hierarchy.traverse_fan(
-                simd,
-                &mut rays,
-                #[inline(always)]
-                |i, of, reach| {
-                    let i = i as usize;
-                    for ray in bits(self.worth_it(simd, i, of, &fan)) {
-                        let (sheared, tmax) = (&fan.sheared[ray], &mut fan.tmax[ray]);
-                        self.closer(simd, i, sheared, 0.0, tmax, &mut best[ray]);
-                        reach[ray] = reach[ray].min((*tmax as f32).next_up());
-                    }
-                },
-            );
-            for ray in bits(of) {
-                let found = best[ray].as_ref();
-                hits[ray] =
-                    found.map(|(place, meeting)| self.hit(*place, meeting, directions[ray]));
-            }
+        let from = self.scaled(origin);
+        let mut tmax = [f64::MAX; RAYS];
+        let alone = self.together(
+            simd,
+            from,
+            directions,
+            &[f32::INFINITY; RAYS],
+            #[inline(always)]
+            |block, ray, reach| {
+                let sheared = ShearedRay::new(from, directions[ray]);
+                self.closer(simd, block, &sheared, 0.0, &mut tmax[ray], &mut found[ray]);
+                *reach = reach.min((tmax[ray] as f32).next_up());
+            },
+        );
+        for ray in bits(alone) {
+            found[ray] = self.find_with(simd, origin, directions[ray], 0.0, f64::INFINITY);
         }
     }
 
@@ -116,16 +65,8 @@ impl Accel {
         visible: &mut Vec<f32>,
     ) {
         visible.clear();
-        for rays in rays.chunks(RAYS) {
-            let at = visible.len();
-            visible.resize(at + rays.len(), 1.0);
-            let visible = &mut visible[at..];
-            if rays.len() <= FEW as usize {
-                for (visible, (direction, reach)) in visible.iter_mut().zip(rays) {
-                    *visible = self.visibility_along(origin, *direction, *reach);
-                }
-                continue;
-            }
+        visible.resize(rays.len(), 1.0);
+        for (rays, visible) in rays.chunks(RAYS).zip(visible.chunks_mut(RAYS)) {
             dispatch!(self.level, simd => self.visibility_with_fan(simd, origin, rays, visible));
         }
     }
@@ -138,80 +79,96 @@ impl Accel {
         rays: &[(DVec3, f64)],
         visible: &mut [f32],
     ) {
+        let from = self.scaled(origin);
         let mut directions = [DVec3::ZERO; RAYS];
-        let mut reach = [0.0; RAYS];
-        for (ray, along) in rays.iter().enumerate() {
-            (directions[ray], reach[ray]) = *along;
+        let (mut tmax, mut reach) = ([0.0; RAYS], [0.0; RAYS]);
+        for (ray, (direction, end)) in rays.iter().enumerate() {
+            let end = end * self.scale;
+            directions[ray] = *direction;
+            // As a single ray's: a meeting at the very end is none.
+            (tmax[ray], reach[ray]) = (end.next_down(), (end as f32).next_up());
         }
-        let directions = &directions[..rays.len()];
-        let mut left = (1 << directions.len()) - 1;
-        while left != 0 {
-            let (of, backward) = alike(directions, left);
-            left &= !of;
-            let Some((mut rays, fan)) = self.fan(origin, directions, backward, of, &reach) else {
-                for ray in bits(of) {
-                    visible[ray] = self.visibility_with(simd, origin, directions[ray], reach[ray]);
+        let alone = self.together(
+            simd,
+            from,
+            &directions[..rays.len()],
+            &reach,
+            #[inline(always)]
+            |block, ray, reach| {
+                let sheared = ShearedRay::new(from, directions[ray]);
+                visible[ray] *= self.passed(simd, block, &sheared, 0.0, tmax[ray]);
+                if visible[ray] == 0.0 {
+                    *reach = -1.0;
                 }
+            },
+        );
+        for ray in bits(alone) {
+            visible[ray] = self.visibility_with(simd, origin, rays[ray].0, rays[ray].1);
+        }
+    }
+
+    fn scaled(&self, origin: DVec3) -> DVec3 {
+        (origin - self.centre) * self.scale
+    }
+
+    /// Takes the rays from `origin` in the scaled frame along up to [`RAYS`] `directions`
+    /// through the hierarchy together, those whose directions have the same signs; calls
+    /// `meet` with a block, a ray that may meet its triangles, and how far that ray is
+    /// looked along from then on. Returns the bits of the rays that have to go alone.
+    #[inline(always)]
+    fn together<S: Simd>(
+        &self,
+        simd: S,
+        origin: DVec3,
+        directions: &[DVec3],
+        reach: &[f32; RAYS],
+        mut meet: impl FnMut(u32, usize, &mut f32),
+    ) -> u32 {
+        let mut left = (1 << directions.len()) - 1;
+        if directions.len() as u32 <= FEW {
+            return left;
+        }
+        let mut by_axis = [[0.0; RAYS]; 3];
+        for (ray, direction) in directions.iter().enumerate() {
+            for axis in 0..3 {
+                by_axis[axis][ray] = direction[axis] as f32;
+            }
+        }
+        let negative = signs(simd, &by_axis);
+        let mut alone = 0;
+        while left != 0 {
+            let backward = negative.map(|negative| negative >> left.trailing_zeros() & 1 == 1);
+            let alike = |of: u32, axis: usize| {
+                of & if backward[axis] { negative[axis] } else { !negative[axis] }
+            };
+            let of = (0..3).fold(left, alike);
+            left &= !of;
+            let Some(mut rays) = (of.count_ones() > FEW)
+                .then(
+                    #[inline(always)]
+                    || FanRays::new(simd, origin, &by_axis, backward, of, reach),
+                )
+                .flatten()
+            else {
+                alone |= of;
                 continue;
             };
             self.hierarchy.traverse_fan(
                 simd,
                 &mut rays,
                 #[inline(always)]
-                |i, of, reach| {
-                    let i = i as usize;
-                    for ray in bits(self.worth_it(simd, i, of, &fan)) {
-                        visible[ray] *= self.passed(simd, i, &fan.sheared[ray], 0.0, fan.tmax[ray]);
-                        if visible[ray] == 0.0 {
-                            reach[ray] = -1.0;
-                        }
+                |block, of, reach| {
+                    let mut of = of;
+                    if of.count_ones() >= MANY {
+                        let edges = self.blocks[block as usize].seen_from(simd, origin);
+                        of &= edges.may_meet(simd, &by_axis);
+                    }
+                    for ray in bits(of) {
+                        meet(block, ray, &mut reach[ray]);
                     }
                 },
             );
         }
-    }
-
-    /// The rays with bits in `of`, which are [`alike`], ready to go together, if that pays.
-    #[inline(always)]
-    fn fan(
-        &self,
-        origin: DVec3,
-        directions: &[DVec3],
-        backward: [bool; 3],
-        of: u32,
-        reach: &[f64; RAYS],
-    ) -> Option<(FanRays, Fan)> {
-        if of.count_ones() <= FEW {
-            return None;
-        }
-        let origin = (origin - self.centre) * self.scale;
-        let reach = reach.map(|reach| reach * self.scale);
-        let mut fan = Fan {
-            origin,
-            sheared: [ShearedRay::default(); RAYS],
-            // As a single ray's: a meeting at the very end is none.
-            tmax: reach.map(f64::next_down),
-            directions: [[0.0; RAYS]; 3],
-        };
-        let mut inverses = [DVec3::ONE; RAYS];
-        for ray in bits(of) {
-            let direction = directions[ray];
-            inverses[ray] = direction.recip();
-            fan.sheared[ray] = ShearedRay::new(origin, direction, inverses[ray]);
-            for axis in 0..3 {
-                fan.directions[axis][ray] = direction[axis] as f32;
-            }
-        }
-        let rays = FanRays::new(origin, &inverses, backward, of, &reach)?;
-        Some((rays, fan))
-    }
-
-    /// The rays with bits in `of` that a block's triangles should be tested with.
-    #[inline(always)]
-    fn worth_it<S: Simd>(&self, simd: S, block: usize, of: u32, fan: &Fan) -> u32 {
-        if of.count_ones() < MANY {
-            return of;
-        }
-        of & self.blocks[block].seen_from(simd, fan.origin).may_meet(simd, &fan.directions)
+        alone
     }
 }

@@ -170,7 +170,7 @@ fn rays_from_one_point_find_what_each_finds_alone() {
         DVec3::new(40.0, 20.0, -30.0),
     ];
     let axes = [DVec3::X, -DVec3::X, DVec3::Y, DVec3::NEG_Z, DVec3::new(-0.0, 1.0, 0.0)];
-    let (mut hits, mut visible) = (Vec::new(), Vec::new());
+    let (mut found, mut visible) = (Vec::new(), Vec::new());
     let (mut met, mut clear) = (0, [0; 3]);
     for eye in eyes {
         let targets = (0..mesh.triangles.len()).flat_map(|i| {
@@ -185,8 +185,12 @@ fn rays_from_one_point_find_what_each_finds_alone() {
             let directions: Vec<DVec3> = (0..directions.len()).map(pick).collect();
             for size in [1, 2, 3, 16, 23] {
                 for fan in directions.chunks(size).step_by(size.div_ceil(3) * 2) {
-                    accel.closest_of(eye, fan, &mut hits);
+                    accel.find_of(eye, fan, &mut found);
                     let alone = |d: &DVec3| accel.closest(eye, *d, 0.0, f64::INFINITY);
+                    let look = |(found, d): (&Option<Found>, &DVec3)| {
+                        found.as_ref().map(|found| accel.hit(found, *d))
+                    };
+                    let hits: Vec<_> = found.iter().zip(fan).map(look).collect();
                     assert_eq!(hits, fan.iter().map(alone).collect::<Vec<_>>(), "{eye}: {fan:?}");
                     met += hits.iter().flatten().count();
                     let reach = |i: usize| [f64::INFINITY, 1.0, 4.0, 0.0][i % 4];

@@ -75,18 +75,17 @@ fn measure(args: &Rays) -> anyhow::Result<()> {
 type Count = fn(&Accel, &[Ray]) -> usize;
 
 fn one_by_one(accel: &Accel, rays: &[Ray]) -> usize {
-    let hits = |(origin, direction): &&Ray| {
-        accel.closest(*origin, *direction, 0.0, f64::INFINITY).is_some()
-    };
+    let hits =
+        |(origin, direction): &&Ray| accel.find(*origin, *direction, 0.0, f64::INFINITY).is_some();
     rays.iter().filter(hits).count()
 }
 
 /// Of rays from one point.
 fn together(accel: &Accel, rays: &[Ray]) -> usize {
     let directions: Vec<DVec3> = rays.iter().map(|ray| ray.1).collect();
-    let mut hits = Vec::new();
-    accel.closest_of(rays[0].0, &directions, &mut hits);
-    hits.iter().flatten().count()
+    let mut found = Vec::new();
+    accel.find_of(rays[0].0, &directions, &mut found);
+    found.iter().flatten().count()
 }
 
 /// A closed sphere of radius 1 with bumps, of about so many triangles.

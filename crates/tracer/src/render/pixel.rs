@@ -2,7 +2,7 @@
 
 use super::RenderOptions;
 use crate::{
-    accel::Hit,
+    accel::Found,
     camera::{Beam, Pinhole},
     whitted::{self, Sample, Whitted},
 };
@@ -39,7 +39,7 @@ const TOGETHER: u32 = 16;
 pub(super) struct Room {
     beams: Vec<Beam>,
     directions: Vec<DVec3>,
-    hits: Vec<Option<Hit>>,
+    found: Vec<Option<Found>>,
     lights: whitted::Room,
 }
 
@@ -81,8 +81,8 @@ impl PixelSampler<'_> {
                 let at_y = (y as f64 + 0.5 + tent(point.y)) / height_f;
                 self.pinhole.beam(at_x, at_y, step)
             }));
-            self.whitted.first_hits(&room.beams, &mut room.directions, &mut room.hits);
-            for (beam, hit) in room.beams.iter().zip(&room.hits) {
+            self.whitted.first_hits(&room.beams, &mut room.directions, &mut room.found);
+            for (beam, found) in room.beams.iter().zip(&room.found) {
                 let (place, index) = (point(tally.taken), tally.taken);
                 let mut sample = Sample {
                     place: DVec2::new(place.z, place.w),
@@ -92,7 +92,7 @@ impl PixelSampler<'_> {
                     room: std::mem::take(&mut room.lights),
                     ..Sample::default()
                 };
-                let radiance = self.whitted.radiance_from(*hit, beam, &mut sample);
+                let radiance = self.whitted.radiance_from(*found, beam, &mut sample);
                 room.lights = sample.room;
                 tally.sum += radiance;
                 tally.squares += radiance * radiance;

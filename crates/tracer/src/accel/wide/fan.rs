@@ -5,15 +5,17 @@
 //! SIGGRAPH 2005); a box that this leaves is tested against each of the rays.
 
 use super::{BLOCK, Node, Stack, WIDTH, Wide};
-use fearless_simd::{f32x8, f32x16, prelude::*};
+use fearless_simd::{f32x8, f32x16, mask32x16, prelude::*};
 use glam::{DVec3, Vec3};
 
 /// Rays of a fan.
 pub(in crate::accel) const RAYS: usize = 16;
 
 /// The farthest from the scaled frame's origin, along an axis, that a fan may begin:
-/// at least four times the scene's half extent. Single precision then moves planes by less
-/// than half of what boxes are padded by.
+/// at least four times the scene's half extent. Planes are at most 2¹³ from there, and
+/// rounding to single precision, of the origin, a direction, its inverse, a difference
+/// and a product, moves them by less than 5 · 2⁻²⁴ of that: two thirds of what boxes are
+/// padded by.
 const FARTHEST: f64 = 4096.0;
 
 /// Up to [`RAYS`] rays from one point whose directions have the same signs, in single
@@ -21,7 +23,7 @@ const FARTHEST: f64 = 4096.0;
 #[derive(Clone, Debug)]
 pub(in crate::accel) struct FanRays {
     origin: Vec3,
-    /// By axis and ray; 1 where there is none.
+    /// By axis and ray.
     inverse: [[f32; RAYS]; 3],
     /// The least and the greatest of them, by axis.
     between: [[f32; 2]; 3],
@@ -30,57 +32,72 @@ pub(in crate::accel) struct FanRays {
     pub(in crate::accel) reach: [f32; RAYS],
 }
 
-/// Of numbers, and faster than `f32::min` and `f32::max`.
-fn less(a: f32, b: f32) -> f32 {
-    if a < b { a } else { b }
+/// The places of the bits in `of`.
+pub(in crate::accel) fn bits(mut of: u32) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let ray = (of != 0).then_some(of.trailing_zeros() as usize % RAYS);
+        of &= of.wrapping_sub(1);
+        ray
+    })
 }
 
-fn more(a: f32, b: f32) -> f32 {
-    if a > b { a } else { b }
+/// By axis, the bits of the directions that go backward.
+#[inline(always)]
+pub(in crate::accel) fn signs<S: Simd>(simd: S, directions: &[[f32; RAYS]; 3]) -> [u32; 3] {
+    let [x, y, z] = directions;
+    [negative(simd, x), negative(simd, y), negative(simd, z)]
 }
 
-/// The signs of `direction`.
-pub(in crate::accel) fn octant(direction: DVec3) -> [bool; 3] {
-    direction.cmplt(DVec3::ZERO).into()
+#[inline(always)]
+fn negative<S: Simd>(simd: S, x: &[f32; RAYS]) -> u32 {
+    f32x16::load_array_ref(simd, x).simd_lt(f32x16::splat(simd, 0.0)).to_bitmask() as u32
 }
 
 impl FanRays {
     /// The rays with a bit in `of` from `origin` in the scaled frame up to the distances
-    /// `reach`, by one over their directions, which have the signs `backward`; `None` too
-    /// far from the scene.
-    pub(in crate::accel) fn new(
+    /// `reach` along `directions`, by axis, whose [signs](signs) are `backward`; `None`
+    /// too far from the scene.
+    #[inline(always)]
+    pub(in crate::accel) fn new<S: Simd>(
+        simd: S,
         origin: DVec3,
-        inverses: &[DVec3; RAYS],
+        directions: &[[f32; RAYS]; 3],
         backward: [bool; 3],
         of: u32,
-        reach: &[f64; RAYS],
+        reach: &[f32; RAYS],
     ) -> Option<Self> {
         if origin.abs().max_element() > FARTHEST {
             return None;
         }
         let mut fan = Self {
             origin: origin.as_vec3(),
-            inverse: [[1.0; RAYS]; 3],
-            between: [[f32::INFINITY, f32::NEG_INFINITY]; 3],
+            inverse: [[0.0; RAYS]; 3],
+            between: [[0.0; 2]; 3],
             backward,
-            reach: [-1.0; RAYS],
+            reach: [0.0; RAYS],
         };
-        for ray in (0..RAYS).filter(|ray| of & (1 << ray) != 0) {
-            for axis in 0..3 {
-                // As a single ray's; −0 is not below 0.
-                let x = (inverses[ray][axis].abs() as f32).min(1e18);
-                let x = if backward[axis] { -x } else { x };
-                let [least, most] = &mut fan.between[axis];
-                (*least, *most) = (less(*least, x), more(*most, x));
-                fan.inverse[axis][ray] = x;
-            }
-            fan.reach[ray] = (reach[ray] as f32).next_up();
+        let there = mask32x16::from_bitmask(simd, u64::from(of));
+        let one = f32x16::splat(simd, 1.0);
+        for axis in 0..3 {
+            // A component below 10⁻¹⁸ moves no point of the scaled scene by as much as
+            // rounding does, and its inverse keeps all products finite.
+            let x = (one / f32x16::load_array_ref(simd, &directions[axis])).abs();
+            let x = x.min(f32x16::splat(simd, 1e18));
+            let x = if backward[axis] { -x } else { x };
+            fan.inverse[axis] = x.into();
+            fan.between[axis] = [
+                there.select(x, f32x16::splat(simd, f32::INFINITY)).reduce_min(),
+                there.select(x, f32x16::splat(simd, f32::NEG_INFINITY)).reduce_max(),
+            ];
         }
+        let reach = f32x16::load_array_ref(simd, reach);
+        fan.reach = there.select(reach, f32x16::splat(simd, -1.0)).into();
         Some(fan)
     }
 
-    fn farthest(&self) -> f32 {
-        self.reach.iter().copied().fold(-1.0, more)
+    #[inline(always)]
+    fn farthest<S: Simd>(&self, simd: S) -> f32 {
+        f32x16::load_array_ref(simd, &self.reach).reduce_max()
     }
 }
 
@@ -98,7 +115,7 @@ impl Wide {
         if self.nodes.is_empty() {
             return;
         }
-        let mut farthest = fan.farthest();
+        let mut farthest = fan.farthest(simd);
         let mut stack = Stack::default();
         let mut current = 0_u32;
         loop {
@@ -128,7 +145,7 @@ impl Wide {
                     break;
                 }
                 block(child & !BLOCK, rays, &mut fan.reach);
-                farthest = fan.farthest();
+                farthest = fan.farthest(simd);
                 if farthest < 0.0 {
                     return;
                 }
