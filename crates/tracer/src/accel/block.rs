@@ -1,7 +1,7 @@
 //! Triangles by the block, and the test that lets no ray through between two.
 
 use super::LANES;
-use super::wide::fan::RAYS;
+use super::wide::fan::{RAYS, lanes};
 use fearless_simd::{f32x16, f64x4, prelude::*};
 use glam::DVec3;
 
@@ -74,23 +74,29 @@ impl Edges {
         // are sums of a few products below 2²⁶, each within 2⁻⁵³.
         const RELATIVE: f32 = 1.0 / (1 << 21) as f32;
         const ABSOLUTE: f32 = 1.0 / (1 << 20) as f32;
-        let x = f32x16::load_array_ref(simd, &directions[0]);
-        let y = f32x16::load_array_ref(simd, &directions[1]);
-        let z = f32x16::load_array_ref(simd, &directions[2]);
         let zero = wide(simd, 0.0);
         let mut met = 0;
         for lane in 0..LANES {
-            let (mut least, mut most) = (wide(simd, f32::INFINITY), wide(simd, f32::NEG_INFINITY));
-            for normal in &self.normals {
-                let (nx, ny, nz) = (normal[0][lane], normal[1][lane], normal[2][lane]);
-                let margin = wide(simd, RELATIVE * (nx.abs() + ny.abs() + nz.abs()) + ABSOLUTE);
-                let side = z * wide(simd, nz);
-                let side = y.mul_add(wide(simd, ny), side);
-                let side = x.mul_add(wide(simd, nx), side);
-                least = least.min(side + margin);
-                most = most.max(side - margin);
+            let margins = self.normals.map(
+                #[inline(always)]
+                |n| RELATIVE * (n[0][lane].abs() + n[1][lane].abs() + n[2][lane].abs()) + ABSOLUTE,
+            );
+            for at in (0..RAYS).step_by(16) {
+                let x = f32x16::load_array_ref(simd, lanes(&directions[0], at));
+                let y = f32x16::load_array_ref(simd, lanes(&directions[1], at));
+                let z = f32x16::load_array_ref(simd, lanes(&directions[2], at));
+                let (mut least, mut most) =
+                    (wide(simd, f32::INFINITY), wide(simd, f32::NEG_INFINITY));
+                for (normal, margin) in self.normals.iter().zip(margins) {
+                    let margin = wide(simd, margin);
+                    let side = z * wide(simd, normal[2][lane]);
+                    let side = y.mul_add(wide(simd, normal[1][lane]), side);
+                    let side = x.mul_add(wide(simd, normal[0][lane]), side);
+                    least = least.min(side + margin);
+                    most = most.max(side - margin);
+                }
+                met |= ((least.simd_ge(zero) | most.simd_le(zero)).to_bitmask() as u32) << at;
             }
-            met |= (least.simd_ge(zero) | most.simd_le(zero)).to_bitmask() as u32;
         }
         met
     }

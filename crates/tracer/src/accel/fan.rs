@@ -124,7 +124,7 @@ impl Accel {
         reach: &[f32; RAYS],
         mut meet: impl FnMut(u32, usize, &mut f32),
     ) -> u32 {
-        let mut left = (1 << directions.len()) - 1;
+        let mut left = u32::MAX >> (RAYS - directions.len());
         if directions.len() as u32 <= FEW {
             return left;
         }

@@ -9,7 +9,10 @@ use fearless_simd::{f32x8, f32x16, mask32x16, prelude::*};
 use glam::{DVec3, Vec3};
 
 /// Rays of a fan.
-pub(in crate::accel) const RAYS: usize = 16;
+pub(in crate::accel) const RAYS: usize = 32;
+
+/// Rays of a register.
+const LANES: usize = 16;
 
 /// The farthest from the scaled frame's origin, along an axis, that a fan may begin:
 /// at least four times the scene's half extent. Planes are at most 2¹³ from there, and
@@ -50,7 +53,23 @@ pub(in crate::accel) fn signs<S: Simd>(simd: S, directions: &[[f32; RAYS]; 3]) -
 
 #[inline(always)]
 fn negative<S: Simd>(simd: S, x: &[f32; RAYS]) -> u32 {
-    f32x16::load_array_ref(simd, x).simd_lt(f32x16::splat(simd, 0.0)).to_bitmask() as u32
+    let mut negative = 0;
+    for at in (0..RAYS).step_by(LANES) {
+        let x = f32x16::load_array_ref(simd, lanes(x, at));
+        negative |= (x.simd_lt(f32x16::splat(simd, 0.0)).to_bitmask() as u32) << at;
+    }
+    negative
+}
+
+/// The rays from `at` on, of a register.
+#[inline(always)]
+pub(in crate::accel) fn lanes(x: &[f32; RAYS], at: usize) -> &[f32; LANES] {
+    &x.as_chunks().0[at / LANES]
+}
+
+#[inline(always)]
+fn lanes_mut(x: &mut [f32; RAYS], at: usize) -> &mut [f32; LANES] {
+    &mut x.as_chunks_mut().0[at / LANES]
 }
 
 impl FanRays {
@@ -76,28 +95,40 @@ impl FanRays {
             backward,
             reach: [0.0; RAYS],
         };
-        let there = mask32x16::from_bitmask(simd, u64::from(of));
         let one = f32x16::splat(simd, 1.0);
-        for axis in 0..3 {
-            // A component below 10⁻¹⁸ moves no point of the scaled scene by as much as
-            // rounding does, and its inverse keeps all products finite.
-            let x = (one / f32x16::load_array_ref(simd, &directions[axis])).abs();
-            let x = x.min(f32x16::splat(simd, 1e18));
-            let x = if backward[axis] { -x } else { x };
-            fan.inverse[axis] = x.into();
-            fan.between[axis] = [
-                there.select(x, f32x16::splat(simd, f32::INFINITY)).reduce_min(),
-                there.select(x, f32x16::splat(simd, f32::NEG_INFINITY)).reduce_max(),
-            ];
+        let (least, most) = (f32::INFINITY, f32::NEG_INFINITY);
+        let mut between = [[f32x16::splat(simd, least), f32x16::splat(simd, most)]; 3];
+        for at in (0..RAYS).step_by(LANES) {
+            let there = mask32x16::from_bitmask(simd, u64::from(of >> at & 0xffff));
+            for axis in 0..3 {
+                // A component below 10⁻¹⁸ moves no point of the scaled scene by as much
+                // as rounding does, and its inverse keeps all products finite.
+                let x = (one / f32x16::load_array_ref(simd, lanes(&directions[axis], at))).abs();
+                let x = x.min(f32x16::splat(simd, 1e18));
+                let x = if backward[axis] { -x } else { x };
+                *lanes_mut(&mut fan.inverse[axis], at) = x.into();
+                let [least, most] = &mut between[axis];
+                *least = there.select(least.min(x), *least);
+                *most = there.select(most.max(x), *most);
+            }
+            let reach = f32x16::load_array_ref(simd, lanes(reach, at));
+            let reach = there.select(reach, f32x16::splat(simd, -1.0));
+            *lanes_mut(&mut fan.reach, at) = reach.into();
         }
-        let reach = f32x16::load_array_ref(simd, reach);
-        fan.reach = there.select(reach, f32x16::splat(simd, -1.0)).into();
+        for axis in 0..3 {
+            let [least, most] = between[axis];
+            fan.between[axis] = [least.reduce_min(), most.reduce_max()];
+        }
         Some(fan)
     }
 
     #[inline(always)]
     fn farthest<S: Simd>(&self, simd: S) -> f32 {
-        f32x16::load_array_ref(simd, &self.reach).reduce_max()
+        let mut farthest = f32x16::load_array_ref(simd, lanes(&self.reach, 0));
+        for at in (LANES..RAYS).step_by(LANES) {
+            farthest = farthest.max(f32x16::load_array_ref(simd, lanes(&self.reach, at)));
+        }
+        farthest.reduce_max()
     }
 }
 
@@ -177,17 +208,21 @@ impl Node {
     /// Which rays of the fan meet the box of the child at `lane`.
     #[inline(always)]
     fn meets_each<S: Simd>(&self, simd: S, lane: usize, fan: &FanRays) -> u32 {
-        let mut near = f32x16::splat(simd, 0.0);
-        let mut far = f32x16::load_array_ref(simd, &fan.reach);
-        for axis in 0..3 {
-            let planes = &self.planes[axis];
-            let backward = usize::from(fan.backward[axis]);
-            let inverse = f32x16::load_array_ref(simd, &fan.inverse[axis]);
-            let first = planes[backward][lane] - fan.origin[axis];
-            let last = planes[1 - backward][lane] - fan.origin[axis];
-            near = near.max(inverse * f32x16::splat(simd, first));
-            far = far.min(inverse * f32x16::splat(simd, last));
+        let mut met = 0;
+        for at in (0..RAYS).step_by(LANES) {
+            let mut near = f32x16::splat(simd, 0.0);
+            let mut far = f32x16::load_array_ref(simd, lanes(&fan.reach, at));
+            for axis in 0..3 {
+                let planes = &self.planes[axis];
+                let backward = usize::from(fan.backward[axis]);
+                let inverse = f32x16::load_array_ref(simd, lanes(&fan.inverse[axis], at));
+                let first = planes[backward][lane] - fan.origin[axis];
+                let last = planes[1 - backward][lane] - fan.origin[axis];
+                near = near.max(inverse * f32x16::splat(simd, first));
+                far = far.min(inverse * f32x16::splat(simd, last));
+            }
+            met |= (near.simd_le(far).to_bitmask() as u32) << at;
         }
-        near.simd_le(far).to_bitmask() as u32
+        met
     }
 }
