@@ -77,6 +77,10 @@ impl Edges {
         let zero = wide(simd, 0.0);
         let mut met = 0;
         for lane in 0..LANES {
+            // Missing triangles come last.
+            if self.normals[0][0][lane].is_nan() {
+                break;
+            }
             let margins = self.normals.map(
                 #[inline(always)]
                 |n| RELATIVE * (n[0][lane].abs() + n[1][lane].abs() + n[2][lane].abs()) + ABSOLUTE,
