@@ -82,8 +82,11 @@ impl Wide {
     /// Sorts `boxes` into a tree. Returns it with the boxes' numbers in the order
     /// of the blocks, [`LANES`] to each; a block may have fewer.
     pub(super) fn new(boxes: &[Aabb]) -> (Self, Vec<[Option<u32>; LANES]>) {
-        let params =
-            BvhBuildParams { max_prims_per_leaf: LANES as u32, ..BvhBuildParams::medium_build() };
+        let params = BvhBuildParams {
+            max_prims_per_leaf: LANES as u32,
+            ploc_search_distance: PlocSearchDistance::High,
+            ..BvhBuildParams::medium_build()
+        };
         let binary = build_bvh2(boxes, params, &mut Duration::default());
         let mut wide = Self::default();
         let mut blocks = Vec::new();
