@@ -18,7 +18,7 @@ use crate::{
 };
 use first_round::FirstRound;
 use glam::{DVec2, DVec3, UVec2, Vec3};
-use pixel::{PixelSampler, Room, Tally};
+use pixel::{Pixel, PixelSampler, Room, Tally};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -138,12 +138,17 @@ pub(crate) fn render(
                 stats.rows_left = 1;
                 return stats;
             }
-            let mut room = Room::default();
-            for (column, pixel) in pixels.iter_mut().enumerate() {
-                let (x, y) = (crop.left + column, crop.top + row);
-                let mut tally = first.as_ref().map_or_else(Tally::default, |f| f.tally(x, y));
-                let wanted = first.as_ref().map_or(options.samples.max(1), |f| f.wanted(x, y));
-                sampler.continue_to(wanted, x, y, &mut tally, &mut room);
+            let y = crop.top + row;
+            let pixel = |x| Pixel {
+                x,
+                y,
+                wanted: first.as_ref().map_or(options.samples.max(1), |f| f.wanted(x, y)),
+                tally: first.as_ref().map_or_else(Tally::default, |f| f.tally(x, y)),
+            };
+            let mut sampled: Vec<Pixel> =
+                (crop.left..crop.left + pixels.len()).map(pixel).collect();
+            sampler.finish(&mut sampled, &mut Room::default());
+            for (pixel, Pixel { tally, .. }) in pixels.iter_mut().zip(sampled) {
                 *pixel = tally.sum / tally.taken as f32;
                 stats.rays += tally.rays;
                 stats.look_ups += tally.look_ups;

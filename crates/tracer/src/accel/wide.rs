@@ -11,7 +11,7 @@ use super::LANES;
 use collapse::Collapse;
 use fearless_simd::{f32x8, prelude::*};
 use glam::{DVec3, Vec3A};
-use obvhs::{BvhBuildParams, aabb::Aabb, bvh2::builder::build_bvh2};
+use obvhs::{BvhBuildParams, aabb::Aabb, bvh2::builder::build_bvh2, ploc::PlocSearchDistance};
 use std::time::Duration;
 
 /// Children of a node.

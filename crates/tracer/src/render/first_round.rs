@@ -1,6 +1,6 @@
 //! Where a picture's noise needs more samples.
 
-use super::pixel::{PixelSampler, ROUND, Room, Tally};
+use super::pixel::{Pixel, PixelSampler, ROUND, Room, Tally};
 use super::{Crop, RenderOptions};
 use glam::Vec3;
 use rayon::prelude::*;
@@ -30,15 +30,18 @@ impl<'a> FirstRound<'a> {
         let (left, top) = (crop.left.saturating_sub(1), crop.top.saturating_sub(1));
         let width = (crop.left + crop.width + 1).min(options.width) - left;
         let height = (crop.top + crop.height + 1).min(options.height) - top;
-        let tally = |room: &mut Room, i: usize| {
-            let mut tally = Tally::default();
+        let wanted = options.samples.clamp(1, ROUND);
+        let row = |room: &mut Room, y: usize| {
+            let pixel = |x| Pixel { x, y, wanted, tally: Tally::default() };
+            let mut pixels: Vec<Pixel> = (left..left + width).map(pixel).collect();
             if !stopped() {
-                let round = options.samples.clamp(1, ROUND);
-                sampler.continue_to(round, left + i % width, top + i / width, &mut tally, room);
+                sampler.finish(&mut pixels, room);
             }
-            tally
+            pixels
         };
-        let tallies = (0..width * height).into_par_iter().map_init(Room::default, tally).collect();
+        let rows = (top..top + height).into_par_iter().with_max_len(1);
+        let rows: Vec<_> = rows.map_init(Room::default, row).collect();
+        let tallies = rows.into_iter().flatten().map(|pixel| pixel.tally).collect();
         Self { options, area: Crop { left, top, width, height }, tallies }
     }
 

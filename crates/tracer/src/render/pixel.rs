@@ -31,12 +31,32 @@ pub(super) struct Tally {
     pub(super) look_ups: u64,
 }
 
-/// Camera rays that go together.
-const TOGETHER: u32 = 16;
+/// A pixel and the samples that it is to have.
+#[derive(Clone, Debug)]
+pub(super) struct Pixel {
+    pub(super) x: usize,
+    pub(super) y: usize,
+    pub(super) wanted: u32,
+    pub(super) tally: Tally,
+}
 
-/// Room for the camera rays of a pixel.
+/// Camera rays that go together, of one pixel or of neighbours.
+const TOGETHER: usize = 32;
+
+/// A sample about to be taken.
+struct Taking {
+    /// Which of the pixels it is of.
+    pixel: usize,
+    /// Which of the pixel's it is.
+    index: u32,
+    /// Where in the unit 4-cube.
+    point: DVec4,
+}
+
+/// Room for camera rays that go together.
 #[derive(Default)]
 pub(super) struct Room {
+    takings: Vec<Taking>,
     beams: Vec<Beam>,
     directions: Vec<DVec3>,
     found: Vec<Option<Found>>,
@@ -51,55 +71,62 @@ pub(super) struct PixelSampler<'a> {
 }
 
 impl PixelSampler<'_> {
-    /// Adds samples to `tally` until there are `wanted`.
-    pub(super) fn continue_to(
-        &self,
-        wanted: u32,
-        x: usize,
-        y: usize,
-        tally: &mut Tally,
-        room: &mut Room,
-    ) {
+    /// Adds samples to the pixels' tallies until each has as many as wanted. How the
+    /// pixels are put together changes nothing.
+    pub(super) fn finish(&self, pixels: &mut [Pixel], room: &mut Room) {
+        for pixel in 0..pixels.len() {
+            let Pixel { x, y, wanted, ref tally } = pixels[pixel];
+            let shift = unit_cube(self.options.seed, self.number(x, y));
+            for index in tally.taken..wanted {
+                let point = (shift + f64::from(index) * R4).fract_gl();
+                room.takings.push(Taking { pixel, index, point });
+                if room.takings.len() == TOGETHER {
+                    self.take(pixels, room);
+                }
+            }
+        }
+        self.take(pixels, room);
+    }
+
+    fn number(&self, x: usize, y: usize) -> u64 {
+        (y * self.options.width + x) as u64
+    }
+
+    /// Takes the samples that stand in `room`.
+    fn take(&self, pixels: &mut [Pixel], room: &mut Room) {
         let &RenderOptions { width, height, seed, samples, noise, .. } = self.options;
         let (width_f, height_f) = (width as f64, height as f64);
-        let pixel = (y * width + x) as u64;
-        let shift = unit_cube(seed, pixel);
-        let scramble = splitmix(splitmix(seed).wrapping_add(pixel));
         // Samples are that far apart if they are spread evenly.
         let even = if noise.is_some() { samples.clamp(1, ROUND) } else { samples.max(1) };
         let step = f64::from(even).sqrt().recip() / DVec2::new(width_f, height_f);
         // Taking turns sets a pixel's samples apart, by which noise is measured.
         let of = if noise.is_some() { 1 } else { samples };
-        while tally.taken < wanted {
-            let first = tally.taken;
-            let many = (wanted - first).min(TOGETHER);
-            let point = |taken: u32| (shift + f64::from(taken) * R4).fract_gl();
-            room.beams.clear();
-            room.beams.extend((first..first + many).map(|taken| {
-                let point = point(taken);
-                let at_x = (x as f64 + 0.5 + tent(point.x)) / width_f;
-                let at_y = (y as f64 + 0.5 + tent(point.y)) / height_f;
-                self.pinhole.beam(at_x, at_y, step)
-            }));
-            self.whitted.first_hits(&room.beams, &mut room.directions, &mut room.found);
-            for (beam, found) in room.beams.iter().zip(&room.found) {
-                let (place, index) = (point(tally.taken), tally.taken);
-                let mut sample = Sample {
-                    place: DVec2::new(place.z, place.w),
-                    index,
-                    of,
-                    scramble,
-                    room: std::mem::take(&mut room.lights),
-                    ..Sample::default()
-                };
-                let radiance = self.whitted.radiance_from(*found, beam, &mut sample);
-                room.lights = sample.room;
-                tally.sum += radiance;
-                tally.squares += radiance * radiance;
-                tally.rays += sample.rays;
-                tally.look_ups += sample.look_ups;
-                tally.taken += 1;
-            }
+        let beam = |taking: &Taking| {
+            let (Pixel { x, y, .. }, point) = (&pixels[taking.pixel], taking.point);
+            let at_x = (*x as f64 + 0.5 + tent(point.x)) / width_f;
+            let at_y = (*y as f64 + 0.5 + tent(point.y)) / height_f;
+            self.pinhole.beam(at_x, at_y, step)
+        };
+        room.beams.clear();
+        room.beams.extend(room.takings.iter().map(beam));
+        self.whitted.first_hits(&room.beams, &mut room.directions, &mut room.found);
+        for ((taking, beam), found) in room.takings.drain(..).zip(&room.beams).zip(&room.found) {
+            let Pixel { x, y, tally, .. } = &mut pixels[taking.pixel];
+            let mut sample = Sample {
+                place: DVec2::new(taking.point.z, taking.point.w),
+                index: taking.index,
+                of,
+                scramble: splitmix(splitmix(seed).wrapping_add(self.number(*x, *y))),
+                room: std::mem::take(&mut room.lights),
+                ..Sample::default()
+            };
+            let radiance = self.whitted.radiance_from(*found, beam, &mut sample);
+            room.lights = sample.room;
+            tally.sum += radiance;
+            tally.squares += radiance * radiance;
+            tally.rays += sample.rays;
+            tally.look_ups += sample.look_ups;
+            tally.taken += 1;
         }
     }
 }

@@ -100,14 +100,13 @@ impl FanRays {
         let mut between = [[f32x16::splat(simd, least), f32x16::splat(simd, most)]; 3];
         for at in (0..RAYS).step_by(LANES) {
             let there = mask32x16::from_bitmask(simd, u64::from(of >> at & 0xffff));
-            for axis in 0..3 {
+            for (axis, [least, most]) in between.iter_mut().enumerate() {
                 // A component below 10⁻¹⁸ moves no point of the scaled scene by as much
                 // as rounding does, and its inverse keeps all products finite.
                 let x = (one / f32x16::load_array_ref(simd, lanes(&directions[axis], at))).abs();
                 let x = x.min(f32x16::splat(simd, 1e18));
                 let x = if backward[axis] { -x } else { x };
                 *lanes_mut(&mut fan.inverse[axis], at) = x.into();
-                let [least, most] = &mut between[axis];
                 *least = there.select(least.min(x), *least);
                 *most = there.select(most.max(x), *most);
             }
@@ -115,9 +114,8 @@ impl FanRays {
             let reach = there.select(reach, f32x16::splat(simd, -1.0));
             *lanes_mut(&mut fan.reach, at) = reach.into();
         }
-        for axis in 0..3 {
-            let [least, most] = between[axis];
-            fan.between[axis] = [least.reduce_min(), most.reduce_max()];
+        for (ends, [least, most]) in fan.between.iter_mut().zip(between) {
+            *ends = [least.reduce_min(), most.reduce_max()];
         }
         Some(fan)
     }
