@@ -8,7 +8,7 @@ use fearless_simd::{Simd, dispatch};
 use glam::DVec3;
 
 /// Rays that go alone: getting ready to go together takes as long as they do.
-const FEW: u32 = 5;
+const FEW: u32 = 3;
 
 /// Rays of a fan from which on a block's edges are looked at for all of them first.
 const MANY: u32 = 3;
