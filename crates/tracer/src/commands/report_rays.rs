@@ -2,9 +2,9 @@
 //!
 //! Two sets on one mesh, a bumpy sphere: camera rays in the order of the pixels,
 //! and rays that leave what those hit in random directions about the normal, in
-//! random order. All go to the closest hit, camera rays both together, as a pixel's do,
-//! and one by one. `tests/embree_rays.py` measures Embree
-//! with the same mesh and rays.
+//! random order. All look for what they meet first: which triangle, and where on it.
+//! Camera rays do both together, as neighbouring pixels' do, and one by one.
+//! `tests/embree_rays.py` measures Embree with the same mesh and rays.
 
 use super::stdout::say;
 use crate::accel::Accel;
