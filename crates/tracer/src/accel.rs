@@ -337,18 +337,19 @@ impl Accel {
         let inverse = direction.recip();
         let (mut near, mut far) = (tmin, tmax);
         for axis in 0..3 {
-            let (o, d, half) = (origin[axis], inverse[axis], self.half_sides[axis]);
-            // With a ray in a face these are NaN, which min and max pass over.
-            let (t0, t1) = ((-half - o) * d, (half - o) * d);
-            near = near.max(t0.min(t1));
-            far = far.min(t0.max(t1));
+            let (o, d) = (origin[axis], inverse[axis]);
+            let half = self.half_sides[axis].copysign(d);
+            // Of a ray in a face one is not a number, and passed over.
+            let (enters, leaves) = ((-half - o) * d, (half - o) * d);
+            near = if enters > near { enters } else { near };
+            far = if leaves < far { leaves } else { far };
         }
         if near > far {
             return None;
         }
         let reach = ((far - near) as f32).next_up() + PADDING;
         Some(Entered {
-            slabs: SlabRay::new(origin + near * direction, direction, reach),
+            slabs: SlabRay::new(origin + near * direction, inverse, reach),
             sheared: ShearedRay::new(origin, direction),
             skipped: near,
             reach,

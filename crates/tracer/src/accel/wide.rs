@@ -63,12 +63,13 @@ pub(super) struct SlabRay {
 }
 
 impl SlabRay {
-    /// The part of a ray from `origin` up to the distance `reach`.
-    pub(super) fn new(origin: DVec3, direction: DVec3, reach: f32) -> Self {
+    /// The part of a ray from `origin` up to the distance `reach`, by one over its
+    /// direction.
+    #[inline(always)]
+    pub(super) fn new(origin: DVec3, inverse: DVec3, reach: f32) -> Self {
         // A component below 10⁻¹⁸ moves no point of the scaled scene by as much
         // as rounding does, and its inverse keeps all products finite.
-        let clamp = |d: f64| if d.abs() < 1e-18 { 1e-18_f64.copysign(d) } else { d };
-        let inverse = direction.map(clamp).recip();
+        let inverse = inverse.clamp(DVec3::splat(-1e18), DVec3::splat(1e18));
         Self {
             inverse: inverse.as_vec3a(),
             offset: (origin * inverse).as_vec3a(),
