@@ -27,11 +27,17 @@ pub const CHILDREN: usize = 16;
 /// ```
 pub fn pull(b: &mut [f64; CHILDREN], split: usize) {
     // One butterfly per dimension: the filters are separable.
-    for bit in [1, 2, 4, 8].into_iter().filter(|bit| split & bit != 0) {
-        for low in (0..CHILDREN).filter(|i| i & bit == 0 && i & !split == 0) {
-            let (s, t) = (b[low], b[low | bit]);
-            b[low] = s + t;
-            b[low | bit] = s - t;
+    if split == CHILDREN - 1 {
+        // Known loops, which become registers.
+        butterflies::<1>(b);
+        butterflies::<2>(b);
+        butterflies::<4>(b);
+        butterflies::<8>(b);
+    } else {
+        for bit in [1, 2, 4, 8].into_iter().filter(|bit| split & bit != 0) {
+            for low in (0..CHILDREN).filter(|i| i & bit == 0 && i & !split == 0) {
+                butterfly(b, low, bit);
+            }
         }
     }
     let scale =
@@ -40,6 +46,20 @@ pub fn pull(b: &mut [f64; CHILDREN], split: usize) {
     for x in b {
         *x *= scale;
     }
+}
+
+#[inline(always)]
+fn butterflies<const BIT: usize>(b: &mut [f64; CHILDREN]) {
+    for low in (0..CHILDREN).filter(|i| i & BIT == 0) {
+        butterfly(b, low, BIT);
+    }
+}
+
+#[inline(always)]
+fn butterfly(b: &mut [f64; CHILDREN], low: usize, bit: usize) {
+    let (s, t) = (b[low], b[low | bit]);
+    b[low] = s + t;
+    b[low | bit] = s - t;
 }
 
 /// Synthesises one node: the inverse of [`pull`].

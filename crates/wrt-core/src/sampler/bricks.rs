@@ -6,12 +6,9 @@
 //! value. Where a table of all bricks would be large, indices of coarser bricks
 //! lead to entries of finer ones instead.
 
-use super::leaves::Leaves;
-use super::rim::Rim;
-use crate::Levels;
-use crate::grid::Rgb;
+mod build;
+
 use glam::Vec4;
-use std::collections::HashMap;
 
 /// Levels that a brick takes of each dimension.
 const BITS: u32 = 2;
@@ -74,55 +71,6 @@ pub(super) struct Bricks {
 }
 
 impl Bricks {
-    /// # Panics
-    ///
-    /// If there are 2³² values, of 64 GiB together.
-    pub(super) fn new(leaves: &Leaves, rim: &Rim) -> Self {
-        let levels = leaves.levels();
-        let mut count = 1;
-        while table_bits(levels, count) > TABLE_BITS {
-            count += 1;
-        }
-        let stage = Stage { entries: Vec::new(), bricks: vec![[0; CELLS]; 2] };
-        let shift = BITS * count;
-        let bits = |level: u8| u32::from(level).saturating_sub(shift);
-        let (p, d) = (bits(levels.position), bits(levels.direction));
-        let mut builder = Builder {
-            leaves,
-            rim: (count == 1).then_some(rim),
-            bricks: Self {
-                coarser: vec![stage.clone(); count as usize - 1],
-                finest: stage,
-                values: Vec::new(),
-                shift,
-                strides: [0, p, 2 * p, 2 * p + d],
-                axes: Default::default(),
-            },
-            constants: vec![HashMap::new(); count as usize],
-            patterns: HashMap::new(),
-            few: HashMap::new(),
-        };
-        for at in 0..1_u32 << (2 * p + 2 * d) {
-            let part = |bits: u32, below: u32| (at >> below & ((1 << bits) - 1)) << shift;
-            let m = [part(p, 0), part(p, p), part(d, 2 * p), part(d, 2 * p + d)];
-            let entry = builder.entry(0, m);
-            builder.bricks.stage(0).entries.push(entry);
-        }
-        let mut bricks = builder.bricks;
-        if count == 1 {
-            bricks.mark_flat([p, p, d, d]);
-            bricks.axes = std::array::from_fn(|d| {
-                let end = 1 << leaves.level(d);
-                (0..=end).map(|m| bricks.axis(d, m.min(end - 1))).collect()
-            });
-        }
-        bricks
-    }
-
-    fn stage(&mut self, stage: usize) -> &mut Stage {
-        self.coarser.get_mut(stage).unwrap_or(&mut self.finest)
-    }
-
     /// Whether the rim has been seen to: see the type.
     #[inline]
     pub(super) fn knows_the_rim(&self) -> bool {
@@ -134,27 +82,6 @@ impl Bricks {
         let coarser: usize = self.coarser.iter().map(stage).sum();
         let axes: usize = self.axes.iter().map(|axis| size_of_val(&axis[..])).sum();
         coarser + stage(&self.finest) + size_of_val(&self.values[..]) + axes
-    }
-
-    /// Finds which constant blocks are [`FLAT`], of a table with 2^`bits` blocks along
-    /// each dimension.
-    fn mark_flat(&mut self, bits: [u32; 4]) {
-        let entries = &mut self.finest.entries;
-        let values = &self.values;
-        let mut flat: Vec<bool> = entries.iter().map(|entry| entry.brick == CONSTANT).collect();
-        // One dimension after the other: after the last all sixteen have been compared.
-        for (d, bits) in bits.into_iter().enumerate() {
-            let stride = 1 << self.strides[d];
-            for at in 0..entries.len() {
-                let is_last = (at >> self.strides[d] & ((1 << bits) - 1)) + 1 == 1 << bits;
-                let next = if is_last { at } else { at + stride };
-                flat[at] &= flat[next]
-                    && values[entries[at].base as usize] == values[entries[next].base as usize];
-            }
-        }
-        for (entry, _) in entries.iter_mut().zip(flat).filter(|(_, flat)| *flat) {
-            entry.brick = FLAT;
-        }
     }
 
     /// The value of the finest cell **m**.
@@ -234,147 +161,14 @@ fn pairs(first: [Axis; 2], second: [Axis; 2]) -> [Axis; 4] {
     })
 }
 
-/// Values of a brick that are looked for among those of others.
-const FEW: usize = 4;
-
-/// Bricks in the making.
-struct Builder<'a> {
-    leaves: &'a Leaves,
-    /// If values are to know it.
-    rim: Option<&'a Rim>,
-    bricks: Bricks,
-    /// By stage: entries of constant blocks, by the bits of their value.
-    constants: Vec<HashMap<[u32; 4], Entry>>,
-    /// Finest bricks: many are alike, along the rim and where leaves are large.
-    patterns: HashMap<Brick, u32>,
-    /// Where the values of bricks with at most [`FEW`] start, by their bits.
-    few: HashMap<Vec<[u32; 4]>, u32>,
-}
-
-impl Builder<'_> {
-    /// The entry of `stage` for the block that starts at **m**.
-    fn entry(&mut self, stage: usize, m: [u32; 4]) -> Entry {
-        let leaves = self.leaves;
-        let stages = self.bricks.coarser.len() + 1;
-        let below = BITS * (stages - stage) as u32;
-        let leaf = leaves.leaf(m);
-        let high = leaves.extent(leaf, m).1;
-        let end = |d: usize| (m[d] + (1 << below)).min(1 << leaves.level(d));
-        let is_leaf = (0..4).all(|d| high[d] >= end(d));
-        let rim = self.rim.map_or(Some(1.0), |rim| rim.of_block([m[2], m[3]], [end(2), end(3)]));
-        if let Some(rim) = rim
-            && (is_leaf || rim == 0.0)
-        {
-            return self.constant(stage, value(leaves.mean(leaf), rim));
-        }
-        let size = below - BITS;
-        let cells = (0..CELLS).map(|cell| {
-            let at = |d: usize| m[d] + ((cell as u32 >> (BITS * d as u32) & 3) << size);
-            (cell, [at(0), at(1), at(2), at(3)])
-        });
-        let cells = cells.filter(|(_, at)| (0..4).all(|d| at[d] >> leaves.level(d) == 0));
-        if stage + 1 == stages {
-            return self.finest(cells);
-        }
-        let mut brick = [0; CELLS];
-        let mut found = Vec::<Entry>::new();
-        for (cell, at) in cells {
-            let entry = self.entry(stage + 1, at);
-            brick[cell] = found.iter().rposition(|other| *other == entry).unwrap_or_else(|| {
-                found.push(entry);
-                found.len() - 1
-            }) as u8;
-        }
-        let base = self.bricks.stage(stage + 1).entries.len();
-        self.bricks.stage(stage + 1).entries.extend(found);
-        let bricks = &mut self.bricks.stage(stage).bricks;
-        bricks.push(brick);
-        Entry { brick: number(bricks.len() - 1), base: number(base) }
-    }
-
-    /// A finest brick of these cells, each with its place in it.
-    fn finest(&mut self, cells: impl Iterator<Item = (usize, [u32; 4])>) -> Entry {
-        let mut brick = [0; CELLS];
-        // In order of appearance: at most 256, so that a byte counts them.
-        let mut found: Vec<Vec4> = Vec::new();
-        for (cell, m) in cells {
-            let inverse = self.rim.map_or(1.0, |rim| rim.inverse([m[2], m[3]]));
-            let value = value(self.leaves.mean(self.leaves.leaf(m)), inverse);
-            // Those alike are mostly near; not to find one costs 16 bytes.
-            let near = found.len().saturating_sub(32);
-            let known = found[near..].iter().rposition(|&other| other == value);
-            brick[cell] = known.map_or_else(
-                || {
-                    found.push(value);
-                    found.len() - 1
-                },
-                |at| near + at,
-            ) as u8;
-        }
-        let bricks = &mut self.bricks.finest.bricks;
-        let brick = *self.patterns.entry(brick).or_insert_with(|| {
-            bricks.push(brick);
-            number(bricks.len() - 1)
-        });
-        let values = &mut self.bricks.values;
-        let base = number(values.len());
-        if found.len() <= FEW {
-            let base = *self.few.entry(found.iter().copied().map(bits).collect()).or_insert(base);
-            if base as usize == values.len() {
-                values.extend(found);
-            }
-            return Entry { brick, base };
-        }
-        values.extend(found);
-        Entry { brick, base }
-    }
-
-    /// The entry of `stage` for a block of one value.
-    fn constant(&mut self, stage: usize, value: Vec4) -> Entry {
-        if let Some(&entry) = self.constants[stage].get(&bits(value)) {
-            return entry;
-        }
-        let base = if stage == self.bricks.coarser.len() {
-            self.bricks.values.push(value);
-            self.bricks.values.len() - 1
-        } else {
-            let entry = self.constant(stage + 1, value);
-            let entries = &mut self.bricks.stage(stage + 1).entries;
-            entries.push(entry);
-            entries.len() - 1
-        };
-        let entry = Entry { brick: CONSTANT, base: number(base) };
-        self.constants[stage].insert(bits(value), entry);
-        entry
-    }
-}
-
-/// A value of a cell that has 1/f or, if it has no say, 0.
-fn value([r, g, b]: Rgb, inverse: f32) -> Vec4 {
-    if inverse == 0.0 {
-        return Vec4::ZERO;
-    }
-    Vec4::new(r * inverse, g * inverse, b * inverse, 1.0)
-}
-
-fn bits(value: Vec4) -> [u32; 4] {
-    value.to_array().map(f32::to_bits)
-}
-
-fn number(count: usize) -> u32 {
-    u32::try_from(count).expect("fewer than 2³² values")
-}
-
-fn table_bits(levels: Levels, stages: u32) -> u32 {
-    let bits = |level: u8| u32::from(level).saturating_sub(BITS * stages);
-    2 * bits(levels.position) + 2 * bits(levels.direction)
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::leaves::Leaves;
+    use super::super::rim::Rim;
     use super::super::tests::{grid, wild};
+    use super::build::value;
     use super::*;
-    use crate::{CHILDREN, Cell, TreeBuilder};
+    use crate::{CHILDREN, Cell, Levels, TreeBuilder};
 
     #[test]
     fn every_cell_has_its_leafs_value_over_its_part_inside_the_udc() {
@@ -388,7 +182,8 @@ mod tests {
                 let (p, d) = (1 << position, 1 << direction);
                 for i in 0..p * p * d * d {
                     let m = [i % p, i / p % p, i / (p * p) % d, i / (p * p * d)];
-                    let expected = value(leaves.mean(leaves.leaf(m)), rim.inverse([m[2], m[3]]));
+                    let expected =
+                        value(leaves.mean(leaves.leaf(m).index), rim.inverse([m[2], m[3]]));
                     assert_eq!(bricks.at(m), expected, "{m:?}");
                 }
             }
@@ -419,7 +214,7 @@ mod tests {
         assert!(!bricks.knows_the_rim(), "more than one stage");
         assert!(bricks.bytes() < 4 << 20, "{} bytes", bricks.bytes());
         let assert_same = |m: [u32; 4]| {
-            assert_eq!(bricks.at(m), value(leaves.mean(leaves.leaf(m)), 1.0), "{m:?}");
+            assert_eq!(bricks.at(m), value(leaves.mean(leaves.leaf(m).index), 1.0), "{m:?}");
         };
         for step in [0_u32, 1, 2, 3, 5, 100, 511] {
             for d in 0..4 {

@@ -1,7 +1,7 @@
 //! The largest cells on which a tree is constant, found by descending.
 
 use crate::grid::Rgb;
-use crate::{Levels, Tree, children};
+use crate::{CHILDREN, Levels, Tree, children};
 
 /// A tree's leaves: a mask of children and of leaves a node.
 pub(super) struct Leaves {
@@ -21,11 +21,56 @@ struct Branch {
     first_leaf: u32,
 }
 
+enum Child {
+    Node(usize),
+    Leaf(u32),
+}
+
+impl Branch {
+    fn child(self, m_prime: usize) -> Child {
+        let before = |mask: u16| (mask & ((1 << m_prime) - 1)).count_ones();
+        if self.child_mask >> m_prime & 1 == 1 {
+            Child::Node((self.first_child + before(self.child_mask)) as usize)
+        } else {
+            Child::Leaf(self.first_leaf + before(self.leaf_mask))
+        }
+    }
+}
+
 /// A leaf and its depth in the tree.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) struct Leaf {
     pub(super) index: u32,
     pub(super) depth: u8,
+}
+
+/// The leaves of a block's cells, u fastest, four of each dimension.
+pub(super) struct Cells {
+    /// By cell; [`NONE`](Self::NONE) past the end of a dimension.
+    pub(super) of: [u32; 256],
+}
+
+impl Cells {
+    pub(super) const NONE: u32 = u32::MAX;
+
+    /// Sets the box of 2^`sides` cells from `cell` on.
+    fn fill(&mut self, cell: usize, sides: [u32; 4], bits: u32, leaf: u32) {
+        let range = |d: usize| (0..1_usize << sides[d]).map(move |i| i << (bits * d as u32));
+        for l in range(3) {
+            for k in range(2) {
+                for v in range(1) {
+                    let row = cell + l + k + v;
+                    self.of[row..row + (1 << sides[0])].fill(leaf);
+                }
+            }
+        }
+    }
+}
+
+impl Default for Cells {
+    fn default() -> Self {
+        Self { of: [Self::NONE; 256] }
+    }
 }
 
 impl Leaves {
@@ -69,8 +114,8 @@ impl Leaves {
         self.levels
     }
 
-    pub(super) fn mean(&self, leaf: Leaf) -> Rgb {
-        self.means[leaf.index as usize]
+    pub(super) fn mean(&self, leaf: u32) -> Rgb {
+        self.means[leaf as usize]
     }
 
     /// The leaf that holds the finest cell **m**.
@@ -80,14 +125,12 @@ impl Leaves {
         }
         let (mut node, mut depth) = (0, 0);
         loop {
-            let Branch { child_mask, leaf_mask, first_child, first_leaf } = self.nodes[node];
             let m_prime = self.half(m, depth);
-            let before = |mask: u16| (mask & ((1 << m_prime) - 1)).count_ones();
             depth += 1;
-            if child_mask >> m_prime & 1 == 0 {
-                return Leaf { index: first_leaf + before(leaf_mask), depth };
+            match self.nodes[node].child(m_prime) {
+                Child::Node(child) => node = child,
+                Child::Leaf(index) => return Leaf { index, depth },
             }
-            node = (first_child + before(child_mask)) as usize;
         }
     }
 
@@ -100,6 +143,75 @@ impl Leaves {
                 None => half,
             }
         })
+    }
+
+    /// Finds the leaves of the block of 2^`bits` (at most four) cells a dimension that
+    /// starts at **m**, and whether all of it is one leaf.
+    pub(super) fn cells(&self, m: [u32; 4], bits: u32, cells: &mut Cells) -> bool {
+        let all = [0, 1, 2, 3].map(|d| bits.min(u32::from(self.level(d))));
+        if self.nodes.is_empty() {
+            cells.fill(0, all, bits, 0);
+            return true;
+        }
+        let (mut node, mut depth) = (0, 0);
+        while (0..4).all(|d| self.below(d, depth).is_none_or(|below| below >= bits)) {
+            let m_prime = self.half(m, depth);
+            match self.nodes[node].child(m_prime) {
+                Child::Node(child) => node = child,
+                Child::Leaf(leaf) => {
+                    cells.fill(0, all, bits, leaf);
+                    return true;
+                }
+            }
+            depth += 1;
+        }
+        self.spread((node, depth), m, bits, 0, cells);
+        false
+    }
+
+    /// Finds the leaves of the cells from `cell` on that a node has of a block.
+    fn spread(
+        &self,
+        (node, depth): (usize, u8),
+        m: [u32; 4],
+        bits: u32,
+        cell: usize,
+        cells: &mut Cells,
+    ) {
+        let Branch { child_mask, leaf_mask, first_child, first_leaf } = self.nodes[node];
+        let (mut child, mut leaf) = (first_child as usize, first_leaf);
+        // By dimension that the node splits inside the block: its upper half's first cell.
+        let mut upper = [None; 4];
+        let mut rest = [0; 4];
+        for d in 0..4 {
+            let below = self.below(d, depth);
+            upper[d] =
+                below.filter(|below| *below < bits).map(|below| 1 << (bits * d as u32 + below));
+            rest[d] = below.map_or(0, |below| below.min(bits));
+        }
+        let outside = (0..4).filter(|d| upper[*d].is_none()).fold(0, |mask, d| mask | 1 << d);
+        let here = self.half(m, depth) & outside;
+        for m_prime in 0..CHILDREN {
+            let (is_child, is_leaf) =
+                (child_mask >> m_prime & 1 == 1, leaf_mask >> m_prime & 1 == 1);
+            if m_prime & outside == here {
+                let at = |d: usize| upper[d].filter(|_| m_prime >> d & 1 == 1).unwrap_or(0);
+                let cell = cell + at(0) + at(1) + at(2) + at(3);
+                if is_child {
+                    self.spread((child, depth + 1), m, bits, cell, cells);
+                } else if is_leaf {
+                    cells.fill(cell, rest, bits, leaf);
+                }
+            }
+            child += usize::from(is_child);
+            leaf += u32::from(is_leaf);
+        }
+    }
+
+    /// How many levels of dimension `d` are below what a node at `depth` splits; `None`
+    /// if it splits nothing of it.
+    fn below(&self, d: usize, depth: u8) -> Option<u32> {
+        self.level(d).checked_sub(depth + 1).map(u32::from)
     }
 
     /// Dimension `d`'s level.

@@ -134,7 +134,7 @@ mod tests {
             }
             let weight: f64 = cells.iter().map(|c| c.1).product();
             total += weight;
-            let mean = leaves.mean(leaves.leaf(m));
+            let mean = leaves.mean(leaves.leaf(m).index);
             for (sum, x) in sum.iter_mut().zip(mean) {
                 *sum += weight * inverse * f64::from(x);
             }
