@@ -61,6 +61,7 @@ pub(super) struct Bricks {
     /// From the table on: none where the table is that of the finest.
     coarser: Vec<Stage>,
     finest: Stage,
+    /// And as many more as a brick may count, so that no index needs to be looked at.
     values: Vec<Vec4>,
     /// Levels that the stages take of each dimension.
     shift: u32,
@@ -105,29 +106,45 @@ impl Bricks {
     /// The sum over the cells at `lows` and the next ones in each dimension, with weights
     /// of (u, v) and of (κ, λ), u and κ fastest; those of either add up to 1. Only
     /// where there is one stage.
+    #[inline]
     pub(super) fn blend(&self, lows: [u32; 4], uv: [f32; 4], kl: [f32; 4]) -> Vec4 {
         let axes = |d: usize| [0, 1].map(|i| self.axes[d][lows[d] as usize + i]);
         let (uvs, kls) = (pairs(axes(0), axes(1)), pairs(axes(2), axes(3)));
-        let first = self.finest.entries[(uvs[0].table + kls[0].table) as usize];
+        let entry = |uv: Axis, kl: Axis| self.finest.entries[(uv.table + kl.table) as usize];
+        let first = entry(uvs[0], kls[0]);
         if first.brick == FLAT {
             return self.values[first.base as usize];
         }
-        let entry = |uv: Axis, kl: Axis| self.finest.entries[(uv.table + kl.table) as usize];
-        let is_one_block = uvs[0].table == uvs[3].table;
         let mut sum = Vec4::ZERO;
-        for (kl, weight) in kls.into_iter().zip(kl) {
-            let entries =
-                if is_one_block { [entry(uvs[0], kl); 4] } else { uvs.map(|uv| entry(uv, kl)) };
-            let value = |i: usize| uv[i] * self.value(entries[i], uvs[i].cell | kl.cell);
-            sum += weight * ((value(0) + value(1)) + (value(2) + value(3)));
+        if uvs[0].table == uvs[3].table {
+            for (kl, weight) in kls.into_iter().zip(kl) {
+                let (brick, values) = self.block(entry(uvs[0], kl));
+                let value = |i: usize| uv[i] * values[at(brick, uvs[i], kl)];
+                sum += weight * ((value(0) + value(1)) + (value(2) + value(3)));
+            }
+        } else {
+            for (kl, weight) in kls.into_iter().zip(kl) {
+                let value = |i: usize| {
+                    let (brick, values) = self.block(entry(uvs[i], kl));
+                    uv[i] * values[at(brick, uvs[i], kl)]
+                };
+                sum += weight * ((value(0) + value(1)) + (value(2) + value(3)));
+            }
         }
         sum
     }
 
     #[inline]
     fn value(&self, entry: Entry, cell: u32) -> Vec4 {
-        let index = self.finest.bricks[entry.brick as usize][cell as usize % CELLS];
-        self.values[entry.base as usize + usize::from(index)]
+        let (brick, values) = self.block(entry);
+        values[usize::from(brick[cell as usize % CELLS])]
+    }
+
+    /// An entry's brick, and the values that it counts.
+    #[inline]
+    fn block(&self, entry: Entry) -> (&Brick, &[Vec4; CELLS]) {
+        let values = self.values[entry.base as usize..].first_chunk();
+        (&self.finest.bricks[entry.brick as usize], values.expect("padded"))
     }
 
     /// Where offset `m` along dimension `d` is.
@@ -150,6 +167,11 @@ impl Bricks {
         }
         at
     }
+}
+
+#[inline]
+fn at(brick: &Brick, uv: Axis, kl: Axis) -> usize {
+    usize::from(brick[(uv.cell | kl.cell) as usize % CELLS])
 }
 
 /// All four, the first's fastest.

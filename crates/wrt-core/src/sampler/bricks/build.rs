@@ -151,6 +151,7 @@ impl Bricks {
             }
         }
         let mut bricks = builder.bricks;
+        bricks.values.extend([Vec4::ZERO; CELLS]);
         if stages == 1 {
             bricks.mark_flat([p, p, d, d]);
             bricks.axes = std::array::from_fn(|d| {
