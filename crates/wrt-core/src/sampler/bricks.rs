@@ -14,6 +14,9 @@ use glam::Vec4;
 const BITS: u32 = 2;
 const CELLS: usize = 1 << (4 * BITS);
 
+/// Cells of a brick that share their direction.
+const ROW: usize = 1 << (2 * BITS);
+
 /// The table has at most 2^`TABLE_BITS` entries of 8 bytes.
 const TABLE_BITS: u32 = 18;
 
@@ -116,17 +119,23 @@ impl Bricks {
             return self.values[first.base as usize];
         }
         let mut sum = Vec4::ZERO;
+        let places = uvs.map(|uv| uv.cell as usize % ROW);
         if uvs[0].table == uvs[3].table {
+            let mut last = (kls[0].table, self.block(first));
             for (kl, weight) in kls.into_iter().zip(kl) {
-                let (brick, values) = self.block(entry(uvs[0], kl));
-                let value = |i: usize| uv[i] * values[at(brick, uvs[i], kl)];
+                if kl.table != last.0 {
+                    last = (kl.table, self.block(entry(uvs[0], kl)));
+                }
+                let (brick, values) = last.1;
+                let row = row(brick, kl);
+                let value = |i: usize| uv[i] * values[usize::from(row[places[i]])];
                 sum += weight * ((value(0) + value(1)) + (value(2) + value(3)));
             }
         } else {
             for (kl, weight) in kls.into_iter().zip(kl) {
                 let value = |i: usize| {
                     let (brick, values) = self.block(entry(uvs[i], kl));
-                    uv[i] * values[at(brick, uvs[i], kl)]
+                    uv[i] * values[usize::from(row(brick, kl)[places[i]])]
                 };
                 sum += weight * ((value(0) + value(1)) + (value(2) + value(3)));
             }
@@ -169,9 +178,10 @@ impl Bricks {
     }
 }
 
+/// A brick's cells of one direction.
 #[inline]
-fn at(brick: &Brick, uv: Axis, kl: Axis) -> usize {
-    usize::from(brick[(uv.cell | kl.cell) as usize % CELLS])
+fn row(brick: &Brick, kl: Axis) -> &[u8; ROW] {
+    &brick.as_chunks().0[kl.cell as usize / ROW % ROW]
 }
 
 /// All four, the first's fastest.
