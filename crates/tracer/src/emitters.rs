@@ -14,6 +14,7 @@ use crate::{
 use glam::{DVec2, DVec3, Vec2, Vec3};
 use std::f64::consts::PI;
 use sunbeam::Sunbeam;
+use wrt_core::cosine_power;
 
 /// Texture samples along a texel in a cell's mean.
 const SAMPLES_PER_TEXEL: f32 = 2.0;
@@ -213,8 +214,7 @@ pub(crate) fn lobe_factor(lobe: &Lobe, travel: DVec3) -> f64 {
     if let Some(window) = &lobe.window {
         return window.light.eval(window.frame.to_local(travel));
     }
-    let cosine = travel.dot(lobe.peak);
-    if cosine > 0.0 { cosine.powf(lobe.exponent) } else { 0.0 }
+    cosine_power(travel.dot(lobe.peak), lobe.exponent)
 }
 
 /// A triangle of a mesh, or two that make a parallelogram.

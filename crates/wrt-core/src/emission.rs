@@ -37,6 +37,21 @@ pub enum Lobe {
     },
 }
 
+/// max(0, cosθ)ⁿ. Whole exponents are the common ones, and several times as fast.
+#[must_use]
+#[inline]
+pub fn cosine_power(cosine: f64, exponent: f64) -> f64 {
+    if cosine <= 0.0 {
+        return 0.0;
+    }
+    let whole = exponent as i32;
+    if f64::from(whole) == exponent && (0..=256).contains(&whole) {
+        cosine.powi(whole)
+    } else {
+        cosine.powf(exponent)
+    }
+}
+
 impl Lobe {
     /// The factor for light that travels along the unit vector `travel` (in the
     /// polygon's frame); 0 behind the polygon.
@@ -47,10 +62,7 @@ impl Lobe {
         }
         match self {
             Self::Lambertian => 1.0,
-            Self::Cosine { exponent, peak } => {
-                let cosine = travel.dot(*peak);
-                if cosine > 0.0 { cosine.powf(*exponent) } else { 0.0 }
-            }
+            Self::Cosine { exponent, peak } => cosine_power(travel.dot(*peak), *exponent),
             Self::Table { level, factors, x } => {
                 let mu = travel.truncate();
                 bilinear(*level, factors, [x.dot(mu), x.perp_dot(mu)])

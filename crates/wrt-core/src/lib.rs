@@ -57,7 +57,7 @@ pub mod wct_file;
 
 pub use chart::Chart;
 pub use convex::ConvexPolygon;
-pub use emission::{Emission, Lobe, cone_solid_angle};
+pub use emission::{Emission, Lobe, cone_solid_angle, cosine_power};
 pub use error::{Error, Result};
 pub use gather::gather;
 pub use glazing::Glazing;

@@ -1,6 +1,6 @@
 //! The Phong model: one definition for the bake and the raytracer.
 
-use crate::{Error, Result};
+use crate::{Error, Result, cosine_power};
 use std::f64::consts::{FRAC_1_PI, TAU};
 
 use glam::DVec3;
@@ -73,15 +73,7 @@ pub fn phong_lobe(exponent: f64, cosine: f64) -> f64 {
     if cosine <= 0.0 {
         return 0.0;
     }
-    let cosine = cosine.min(1.0);
-    // Whole exponents are the common ones, and several times as fast.
-    let whole = exponent as i32;
-    let power = if f64::from(whole) == exponent && whole <= 256 {
-        cosine.powi(whole)
-    } else {
-        cosine.powf(exponent)
-    };
-    (exponent + 2.0) / TAU * power
+    (exponent + 2.0) / TAU * cosine_power(cosine.min(1.0), exponent)
 }
 
 /// [`phong_lobe`] for directions in the surface's frame.
