@@ -9,6 +9,9 @@ use super::tree::{Cells, LegendreTree, NOWHERE, POSITION, SPLIT, leaf_byte};
 /// Coefficients that a leaf costs beside its own: its byte and the look-up's way.
 const LEAF: f64 = 0.5;
 
+/// Steps that a coefficient may be of, well within an `i32`.
+const QUANTA: f64 = (1_u32 << 30) as f64;
+
 /// A tree, and how it was found.
 pub(super) struct Pruning {
     pub(super) tree: LegendreTree,
@@ -27,6 +30,9 @@ pub(super) struct Pruning {
 /// keeping its children instead, is found from the leaves up: the least of energy
 /// left out + that price × functions kept. The step of rounding follows from the
 /// price, for a bit that makes steps half as large saves energy too.
+///
+/// Where cells and orders end before `allowed` is reached, hardly more than they must
+/// is left out instead.
 pub(super) fn prune<P>(
     positions: &[Position<P>],
     norm: f64,
@@ -38,20 +44,35 @@ pub(super) fn prune<P>(
     /// How far from the last price one is looked for, and how closely.
     const NEAR: f64 = 3.0;
     const CLOSE: f64 = 1e-3;
+    /// What may be left out in place of the least that must be.
+    const HARDLY_MORE: f64 = 1.1;
     let make = |price: f64| Pruned::new(positions, options.orders, price.exp(), unseen);
     // The price of the whole lies between nothing and everything.
-    let (mut low, mut high) = ((norm * 1e-24).ln(), norm.ln());
+    let largest = positions.iter().map(|position| largest(&position.root)).fold(0.0, f64::max);
+    let (mut low, mut high) = ((norm * 1e-24).max(price_of(largest / QUANTA)).ln(), norm.ln());
     if let Some(last) = last {
         (low, high) = (low.max(last.price - NEAR), high.min(last.price + NEAR));
     }
-    while high - low > CLOSE {
-        let middle = 0.5 * (low + high);
-        if make(middle).error <= allowed { low = middle } else { high = middle }
+    let find = |mut low: f64, mut high: f64, allowed: f64| {
+        while high - low > CLOSE {
+            let middle = 0.5 * (low + high);
+            if make(middle).error <= allowed { low = middle } else { high = middle }
+        }
+        (low, make(low))
+    };
+    let (mut price, mut pruned) = find(low, high, allowed);
+    if pruned.error > allowed {
+        (price, pruned) = find(price, high, HARDLY_MORE * pruned.error);
     }
-    let pruned = make(low);
     let tree = LegendreTree::from_parts(options.map, pruned.shape, pruned.step, pruned.quanta);
     let tree = tree.unwrap_or_else(|reason| unreachable!("a tree just made: {reason}"));
-    Pruning { tree, error: pruned.error, price: low }
+    Pruning { tree, error: pruned.error, price }
+}
+
+/// The largest coefficient of a cell and those below it.
+fn largest(cell: &Sampled) -> f64 {
+    let own = cell.b.iter().fold(0.0, |most: f64, b| most.max(b.abs()));
+    cell.children.iter().flat_map(|children| children.iter()).map(largest).fold(own, f64::max)
 }
 
 struct Pruned {
@@ -121,6 +142,11 @@ impl Pruned {
 /// coefficients of a byte or so: 24 bits, 2.8 Δ².
 fn step(price: f64) -> f64 {
     (price / 2.8).sqrt()
+}
+
+/// The price at which [`step`] is so much.
+fn price_of(step: f64) -> f64 {
+    2.8 * step * step
 }
 
 /// What is kept of a cell.

@@ -74,6 +74,28 @@ fn the_error_is_what_was_asked_for_and_what_is_told() {
     }
 }
 
+/// Where cells end before the error is reached.
+#[test]
+fn asking_for_less_than_can_be_never_gives_more() {
+    let formula = Formula { f: glossy, scale: 0.2 };
+    let mut last = f64::INFINITY;
+    for asked in [0.3, 1e-2, 1e-3, 1e-6] {
+        let options = ProjectOptions {
+            error: asked,
+            orders: Orders { position: 1, direction: 1 },
+            levels: [2, 6],
+            ..ProjectOptions::default()
+        };
+        let made = project(&formula, &options);
+        let found = error(&made.tree, glossy);
+        assert!((found / made.error - 1.0).abs() < 0.1, "{asked}: {found} {}", made.error);
+        // What is left out beyond the least is a tenth of its energy.
+        assert!(found < 1.06 * last, "{asked}: {found} after {last}");
+        last = found;
+    }
+    assert!((0.01..0.3).contains(&last), "{last} with cells that small");
+}
+
 /// The projection is the same function whoever evaluates it.
 #[test]
 fn the_sampler_is_the_sum_of_the_coefficients() {
