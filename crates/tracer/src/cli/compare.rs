@@ -19,7 +19,8 @@ pub(crate) struct Compare {
     pub(crate) output: Option<PathBuf>,
 
     /// Exposure at which a .exr is seen, in stops.
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true,
+          value_parser = super::view::stops)]
     pub(crate) exposure: f32,
 
     /// Tone curve through which a .exr is seen.

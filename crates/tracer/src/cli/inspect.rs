@@ -31,6 +31,7 @@ pub(crate) struct Inspect {
 
     /// Exposure of a .png, in stops; if not given, all but the brightest 1 % of
     /// the pixels that are not black are below white.
-    #[arg(long, value_name = "STOPS", allow_negative_numbers = true, help_heading = "Pictures")]
+    #[arg(long, value_name = "STOPS", allow_negative_numbers = true, help_heading = "Pictures",
+          value_parser = super::view::stops)]
     pub(crate) exposure: Option<f32>,
 }

@@ -149,7 +149,8 @@ pub(crate) struct View {
     pub(crate) noise: Option<f32>,
 
     /// Exposure of a .png, in stops.
-    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "STOPS", default_value_t = 0.0, allow_negative_numbers = true,
+          value_parser = stops)]
     pub(crate) exposure: f32,
 
     /// Tone curve of a .png.
@@ -203,6 +204,13 @@ fn noise(text: &str) -> Result<f32, String> {
     match text.parse() {
         Ok(x) if 0.0 < x && x < 1.0 => Ok(x),
         _ => Err("must be above 0 and below 1, such as 0.01".to_owned()),
+    }
+}
+
+pub(super) fn stops(text: &str) -> Result<f32, String> {
+    match text.parse() {
+        Ok(x) if (-64.0..=64.0).contains(&x) => Ok(x),
+        _ => Err("must be a number from -64 to 64".to_owned()),
     }
 }
 

@@ -2,10 +2,10 @@
 
 use super::stdout::say;
 use super::video;
-use super::view::{Meter, Stage, named};
+use super::view::{Meter, Stage, crop, named, partial};
 use crate::cli;
 use crate::film::Format;
-use crate::scene::{Animation, flight};
+use crate::scene::{Animation, Scene, flight};
 use anyhow::{Context as _, bail, ensure};
 use serde_json::json;
 use std::path::PathBuf;
@@ -18,8 +18,12 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
         ensure!(format == Format::Png, "--video needs pictures that are .png");
         ensure!(Format::of(video)? == Format::Png, "{}: name it .png", video.display());
     }
-    let mut stage = Stage::open(&args.scene, &args.view)?;
-    let animation = animation(&stage, args).with_context(|| format!("{}", args.scene.display()))?;
+    let mut stage = Stage::open(&args.scene, &args.view, |scene| {
+        let animation = animation(scene, args)?;
+        crop(&args.view, &scene.cameras[animation.camera]).map(|_| ())
+    })?;
+    let animation =
+        animation(&stage.scene, args).with_context(|| format!("{}", args.scene.display()))?;
     let animation = animation.clone();
     stage.let_move(&animation);
     let times = flight::times(&animation, args.fps);
@@ -37,7 +41,22 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
         .skip(args.start)
         .map(|(i, t)| (pattern.path(i), t))
         .collect();
+    if let Some(video) = &args.video {
+        let is_picture = wanted.iter().any(|(path, _)| path == video);
+        ensure!(!is_picture, "--video {}: that is one of the pictures", video.display());
+    }
     let missing: Vec<_> = wanted.iter().filter(|(path, _)| !path.exists()).collect();
+    let columns = args.view.crop.map_or(size.0, |[x0, _, x1, _]| x1 - x0);
+    for (path, _) in wanted.iter().filter(|(path, _)| path.exists()) {
+        let found = format.size_of(path).with_context(|| format!("{}", path.display()))?;
+        ensure!(
+            found == (columns, rows),
+            "{}: it is there already, {}x{} pixels where {columns}x{rows} are wanted: remove it, or name the pictures otherwise",
+            path.display(),
+            found.0,
+            found.1
+        );
+    }
     let there = wanted.len() - missing.len();
     let bar = super::bar((missing.len() * rows) as u64, "flying", "rows");
     let meter = Meter::start();
@@ -59,6 +78,8 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
             );
         }
         picture.save(path, stage.display())?;
+        // Of a flight that was stopped in it.
+        let _ = std::fs::remove_file(partial(path));
         rendered += 1;
         if stage.is_stopped() {
             break;
@@ -97,9 +118,9 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
 }
 
 /// The animation of the wanted name that the wanted camera sees.
-fn animation<'a>(stage: &'a Stage<'_>, args: &cli::Fly) -> anyhow::Result<&'a Animation> {
-    let all = &stage.scene.animations;
-    let camera_of = |a: &Animation| stage.scene.cameras[a.camera].name.clone();
+fn animation<'a>(scene: &'a Scene, args: &cli::Fly) -> anyhow::Result<&'a Animation> {
+    let all = &scene.animations;
+    let camera_of = |a: &Animation| scene.cameras[a.camera].name.clone();
     let Some(camera) = &args.camera else {
         return named(all, args.animation.as_deref(), |a| &a.name, "animation");
     };

@@ -1,7 +1,7 @@
 //! `tracer render`: a scene and a `.wct` file to a picture.
 
 use super::stdout::say;
-use super::view::{Meter, Stage, named, partial};
+use super::view::{Meter, Stage, crop, named, partial};
 use crate::cli;
 use crate::film::Format;
 use crate::reference::Target;
@@ -14,7 +14,10 @@ pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
     if args.reference.reference {
         return run_reference(args);
     }
-    let stage = Stage::open(&args.scene, &args.view)?;
+    let stage = Stage::open(&args.scene, &args.view, |scene| {
+        let camera = named(&scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")?;
+        crop(&args.view, camera).map(|_| ())
+    })?;
     let camera = named(&stage.scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")
         .with_context(|| format!("{}", args.scene.display()))?;
     let (width, height) = stage.size(camera);

@@ -63,8 +63,13 @@ impl Picture {
 }
 
 impl<'a> Stage<'a> {
-    /// Loads the scene and its radiance, or bakes that.
-    pub(super) fn open(path: &Path, view: &'a cli::View) -> anyhow::Result<Self> {
+    /// Loads the scene and its radiance, or bakes that, once `check` has found what is to
+    /// be seen in it.
+    pub(super) fn open(
+        path: &Path,
+        view: &'a cli::View,
+        check: impl FnOnce(&Scene) -> anyhow::Result<()>,
+    ) -> anyhow::Result<Self> {
         let mut scene = super::load(path)?;
         super::light_windows(&mut scene, &view.weather)
             .with_context(|| format!("{}", path.display()))?;
@@ -75,6 +80,7 @@ impl<'a> Stage<'a> {
                 "tracer: the scene has no light: a default one shines from behind the first camera"
             );
         }
+        check(&scene).with_context(|| format!("{}", path.display()))?;
         let mut flight = None;
         let texture = match &view.wct {
             Some(path) => WctFile::read(path)
@@ -187,20 +193,10 @@ impl<'a> Stage<'a> {
 
     fn options(&self, camera: &Camera) -> anyhow::Result<RenderOptions> {
         let (width, height) = self.size(camera);
-        let crop = match self.view.crop {
-            Some([x0, y0, x1, y1]) => {
-                ensure!(
-                    x1 <= width && y1 <= height,
-                    "--crop {x0},{y0},{x1},{y1} reaches past the picture of {width}x{height}"
-                );
-                Some(Crop { left: x0, top: y0, width: x1 - x0, height: y1 - y0 })
-            }
-            None => None,
-        };
         Ok(RenderOptions {
             width,
             height,
-            crop,
+            crop: crop(self.view, camera)?,
             samples: self.view.samples,
             noise: self.view.noise,
             max_depth: self.view.depth,
@@ -244,10 +240,7 @@ impl<'a> Stage<'a> {
 
     /// Pixels across and down.
     pub(super) fn size(&self, camera: &Camera) -> (usize, usize) {
-        const WIDTH: usize = 960;
-        let aspect = camera.aspect.unwrap_or(4.0 / 3.0);
-        let height = (WIDTH as f64 / aspect).round().clamp(1.0, 16.0 * WIDTH as f64);
-        self.view.size.unwrap_or((WIDTH, height as usize))
+        size(self.view, camera)
     }
 
     /// How a `.png` shows it.
@@ -259,6 +252,26 @@ impl<'a> Stage<'a> {
     pub(super) fn patches(&self) -> usize {
         self.texture.as_ref().map_or(0, WctTexture::len)
     }
+}
+
+/// Width and height of the picture of `camera`: as asked for or else the camera's
+/// own shape.
+fn size(view: &cli::View, camera: &Camera) -> (usize, usize) {
+    const WIDTH: usize = 960;
+    let aspect = camera.aspect.unwrap_or(4.0 / 3.0);
+    let height = (WIDTH as f64 / aspect).round().clamp(1.0, 16.0 * WIDTH as f64);
+    view.size.unwrap_or((WIDTH, height as usize))
+}
+
+/// The part of the picture of `camera` that is asked for, if it is not all.
+pub(super) fn crop(view: &cli::View, camera: &Camera) -> anyhow::Result<Option<Crop>> {
+    let Some([x0, y0, x1, y1]) = view.crop else { return Ok(None) };
+    let (width, height) = size(view, camera);
+    ensure!(
+        x1 <= width && y1 <= height,
+        "--crop {x0},{y0},{x1},{y1} reaches past the picture of {width}x{height}"
+    );
+    Ok(Some(Crop { left: x0, top: y0, width: x1 - x0, height: y1 - y0 }))
 }
 
 /// Where a picture goes that was stopped before its end.

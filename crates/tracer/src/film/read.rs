@@ -3,7 +3,7 @@
 use super::{Film, Format};
 use crate::scene::srgb_to_linear;
 use anyhow::{Context as _, bail};
-use exr::prelude::{MetaData, read_first_rgba_layer_from_file};
+use exr::prelude::{MetaData, Vec2, read_first_rgba_layer_from_file};
 use glam::Vec3;
 use image::ImageReader;
 use std::path::Path;
@@ -28,6 +28,29 @@ impl Film {
     }
 }
 
+impl Format {
+    /// Width and height of the picture at `path`, by its header.
+    ///
+    /// # Errors
+    ///
+    /// If it is no picture of this format.
+    pub(crate) fn size_of(self, path: &Path) -> anyhow::Result<(usize, usize)> {
+        match self {
+            Self::Png => {
+                let (width, height) =
+                    ImageReader::open(path)?.with_guessed_format()?.into_dimensions()?;
+                Ok((width as usize, height as usize))
+            }
+            Self::Exr => exr_size(path).map(|size| (size.width(), size.height())),
+        }
+    }
+}
+
+fn exr_size(path: &Path) -> anyhow::Result<Vec2<usize>> {
+    let headers = MetaData::read_from_file(path, false)?.headers;
+    Ok(headers.first().context("no picture in it")?.layer_size)
+}
+
 fn read_png(path: &Path) -> anyhow::Result<Film> {
     let image = ImageReader::open(path)?.with_guessed_format()?.decode()?.into_rgb16();
     let linear = |c: u16| srgb_to_linear(f32::from(c) / f32::from(u16::MAX));
@@ -37,8 +60,7 @@ fn read_png(path: &Path) -> anyhow::Result<Film> {
 }
 
 fn read_exr(path: &Path) -> anyhow::Result<Film> {
-    let headers = MetaData::read_from_file(path, false)?.headers;
-    let size = headers.first().context("no picture in it")?.layer_size;
+    let size = exr_size(path)?;
     if size.area() > MOST {
         bail!("{} x {} pixels are more than this program reads", size.width(), size.height());
     }

@@ -212,10 +212,9 @@ fn camera_of(json: &JsonCamera, name: String, world: &DAffine3) -> anyhow::Resul
             (Projection::Orthographic { half_height: y }, Some(x / y))
         }
     };
-    ensure!(
-        aspect.is_none_or(|a| a > 0.0 && a.is_finite()),
-        "its aspect ratio is {aspect:?}, which no picture has"
-    );
+    if let Some(a) = aspect {
+        ensure!(a > 0.0 && a.is_finite(), "its aspect ratio is {a}, which no picture has");
+    }
     let transform = rigid(world).context("its camera has no direction: it is scaled to nothing")?;
     Ok(Camera { name, transform, projection, aspect })
 }
@@ -225,7 +224,9 @@ fn punctual(json: &Light, world: &DAffine3) -> anyhow::Result<PunctualLight> {
     let valid_intensity = intensity.is_finite() && intensity.min_element() >= 0.0;
     ensure!(valid_intensity, "its light's colour times intensity is {intensity}");
     let range = json.range.map(f64::from);
-    ensure!(range.is_none_or(|r| r > 0.0), "its light's range is {range:?}");
+    if let Some(range) = range {
+        ensure!(range > 0.0, "its light's range is {range}");
+    }
     let kind = match valid(&json.type_, "type")? {
         LightType::Point => LightKind::Point,
         LightType::Directional => LightKind::Directional,

@@ -232,7 +232,7 @@ fn cameras_and_lights_out_of_range_are_errors() {
     for (path, bad, expected) in [
         ("/cameras/0/perspective/yfov", json!(0), "node \"eye\": yfov is 0"),
         ("/cameras/0/perspective/yfov", json!(4), "yfov is 4"),
-        ("/cameras/0/perspective/aspectRatio", json!(-1), "aspect ratio is"),
+        ("/cameras/0/perspective/aspectRatio", json!(-1), "aspect ratio is -1,"),
         ("/cameras/0/perspective", json!(null), "its camera has no perspective"),
         ("/cameras/0/type", json!("fisheye"), "type has a value"),
         ("/nodes/2/scale", json!([0, 0, 0]), "its camera has no direction"),
