@@ -1,6 +1,7 @@
 //! The command line: exit codes and the words a user sees.
 
 use crate::support::{Folder, chapel_wct, fail, repository, scene, succeed, tracer};
+use serde_json::{Value, json};
 use std::fs;
 use std::process::{Command, Output, Stdio};
 
@@ -175,6 +176,38 @@ fn weather_lights_the_windows() {
 }
 
 #[test]
+fn a_bake_of_another_scene_is_told_of() {
+    let folder = Folder::new();
+    let (quad, out, png) =
+        (scene("quad/quad.gltf"), folder.path("quad.wct"), folder.path("quad.png"));
+    succeed(&["bake", &quad, "-o", &out, "--error", "0.02", "--checks", "0"]);
+    let words = |path: &str| {
+        let output = tracer(&["render", path, "--wct", &out, "--size", "16x12", "-o", &png]);
+        assert!(output.status.success(), "{output:?}");
+        String::from_utf8(output.stderr).expect("UTF-8 on stderr")
+    };
+    let told = "windows or floors have changed since it was baked";
+    assert!(!words(&quad).contains(told), "the same");
+    let text = fs::read_to_string(&quad).expect("the scene");
+    let original: Value = serde_json::from_str(&text).expect("JSON");
+    let darken = |materials: &mut Vec<Value>, key: &[&str]| {
+        for material in materials {
+            let value = key.iter().try_fold(material, |value, key| value.get_mut(key));
+            for x in value.and_then(Value::as_array_mut).into_iter().flatten() {
+                *x = json!(0.9 * x.as_f64().expect("a number"));
+            }
+        }
+    };
+    for key in [&["emissiveFactor"][..], &["pbrMetallicRoughness", "baseColorFactor"]] {
+        let mut changed = original.clone();
+        darken(changed["materials"].as_array_mut().expect("materials"), key);
+        let path = folder.path("changed.gltf");
+        fs::write(&path, changed.to_string()).expect("written");
+        assert!(words(&path).contains(told), "{key:?}");
+    }
+}
+
+#[test]
 fn compare_tells_how_far_apart_two_pictures_are() {
     let folder = Folder::new();
     let facing = scene("facing/facing.gltf");
@@ -187,7 +220,7 @@ fn compare_tells_how_far_apart_two_pictures_are() {
     let fine = render("fine.exr", "24x18", "64");
     let small = render("small.png", "12x9", "1");
     let map = folder.path("map.png");
-    let compared = |a: &str, b: &str| -> serde_json::Value {
+    let compared = |a: &str, b: &str| -> Value {
         let printed = succeed(&["compare", a, b, "--json", "-o", &map]);
         serde_json::from_str(&printed).expect("JSON")
     };

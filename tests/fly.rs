@@ -25,11 +25,13 @@ fn a_flight_goes_on_where_it_was_left() {
     let middle = bytes(frames[1]);
     assert!(bytes(frames[0]) != middle, "the camera does not move");
     fs::remove_file(folder.path(frames[1])).expect("it is there");
-    fs::write(folder.path(frames[0]), "not to be touched").expect("a writable file");
+    // Not to be touched: another picture of that size.
+    let last = bytes(frames[2]);
+    fs::write(folder.path(frames[0]), &last).expect("a writable file");
     let rest = fly(&folder, &[]);
     assert_eq!((&rest["rendered"], &rest["skipped"]), (&1.into(), &2.into()), "{rest}");
     assert!(bytes(frames[1]) == middle, "another picture than before");
-    assert_eq!(bytes(frames[0]), b"not to be touched");
+    assert!(bytes(frames[0]) == last, "rendered anew");
 }
 
 #[test]
@@ -53,6 +55,11 @@ fn a_part_of_a_flight_becomes_a_video() {
     let args = ["fly", &chapel, "--wct", chapel_wct(), "-o", &output, "--fps", "0.2"];
     let complaint = fail(1, &[&args[..], &["--end", "3"]].concat());
     assert!(complaint.contains("the flight has pictures 0 to 2"), "{complaint}");
+    let complaint = fail(1, &args);
+    assert!(complaint.contains("frame.01.png: it is there already, 16x9 pixels"), "{complaint}");
+    let frame = folder.path("frame.01.png");
+    let complaint = fail(1, &[&args[..], &["--size", "16x9", "--video", &frame]].concat());
+    assert!(complaint.contains("that is one of the pictures"), "{complaint}");
 }
 
 #[cfg(target_os = "linux")] // for /proc

@@ -8,12 +8,12 @@ mod smooth;
 #[cfg(test)]
 mod weather_tests;
 
-use crate::scene::Scene;
+use crate::scene::{Scene, surfaces};
 use check::{Checked, check};
 pub(crate) use emitters::emissions;
 use emitters::{Emitter, emitters};
 pub(crate) use flight::Flight;
-use glam::DVec3;
+use glam::{DVec3, Vec2};
 use rayon::prelude::*;
 pub(crate) use receivers::{Receiver, receivers};
 use std::{
@@ -305,6 +305,36 @@ impl Clock {
         self.times[stage as usize] += start.elapsed();
         out
     }
+}
+
+/// Says which windows and floors a scene has: where they are, what shines and what
+/// reflects. Radiance baked from others is not this scene's.
+pub(crate) fn fingerprint(scene: &Scene) -> String {
+    /// Places of a texture along each side.
+    const SIDE: u16 = 64;
+    let mut hash = Hash::default();
+    for emitter in surfaces::emitters(scene) {
+        let material = &scene.materials[scene.meshes[emitter.mesh].material];
+        hash.points(&emitter.vertices);
+        hash.points(&[material.emission.as_dvec3()]);
+        if let Some(lobe) = &material.lobe {
+            hash.points(&[lobe.peak, DVec3::splat(lobe.exponent)]);
+        }
+        if let Some(map) = &material.emission_texture {
+            let centre = |i: u16| (f32::from(i) + 0.5) / f32::from(SIDE);
+            for (i, j) in (0..SIDE).flat_map(|j| (0..SIDE).map(move |i| (i, j))) {
+                let colour = scene.textures[map.texture].at(Vec2::new(centre(i), centre(j)));
+                hash.add(colour.to_array().into_iter().flat_map(f32::to_le_bytes));
+            }
+        }
+    }
+    for receiver in surfaces::receivers(scene) {
+        let material = &scene.materials[scene.meshes[receiver.mesh].material];
+        hash.points(&receiver.vertices);
+        hash.points(&[material.kd.as_dvec3(), material.ks.as_dvec3()]);
+        hash.points(&[DVec3::splat(f64::from(material.exponent))]);
+    }
+    format!("fnv1a64:{:016x}", hash.0)
 }
 
 /// FNV-1a, 64 bits (G. Fowler, L. Noll, P. Vo): says "the same input", no more.

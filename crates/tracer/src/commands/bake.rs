@@ -1,7 +1,7 @@
 //! `tracer bake`: a scene to a `.wct` file.
 
 use super::stdout::say;
-use crate::bake::{BakeOptions, Baked, Flight, Smooth, Stage, Transport, bake};
+use crate::bake::{BakeOptions, Baked, Flight, Smooth, Stage, Transport, bake, fingerprint};
 use crate::cli;
 use crate::scene::Scene;
 use crate::threads::in_pool;
@@ -58,6 +58,7 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
         recorded.insert(super::ANIMATION.to_owned(), flight.name().to_owned());
         recorded.insert(super::MARGIN.to_owned(), flight.margin().to_string());
     }
+    recorded.insert(super::SCENE.to_owned(), fingerprint(&scene));
     if let Some(sky) = &scene.sky {
         recorded.insert(super::SKY.to_owned(), sky.to_string());
     }

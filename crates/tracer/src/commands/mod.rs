@@ -33,6 +33,9 @@ fn load(path: &Path) -> anyhow::Result<Scene> {
     Ok(loaded.scene)
 }
 
+/// Which windows and floors a file was baked from, among the options in it.
+const SCENE: &str = "scene";
+
 /// What weather a file was baked under, among the options in it.
 const SKY: &str = "sky";
 

@@ -1,7 +1,7 @@
 //! What `render` and `fly` share: a scene with its radiance, ready for cameras.
 
 use crate::accel::Accel;
-use crate::bake::Flight;
+use crate::bake::{Flight, fingerprint};
 use crate::cli;
 use crate::film::{Display, Film, Format, Layers, Metadata, Tone};
 use crate::reference::{Estimate, Lighting, ReferenceOptions, Target, render_reference};
@@ -86,7 +86,7 @@ impl<'a> Stage<'a> {
             Some(path) => WctFile::read(path)
                 .map_err(anyhow::Error::from)
                 .and_then(|file| {
-                    warn_of_other_weather(&file, &scene, path);
+                    warn_of_another_bake(&file, &scene, path);
                     flight = baked_for(&file, &scene, path);
                     WctTexture::bind(&file.patches, &file.smooth, &scene)
                 })
@@ -365,8 +365,9 @@ fn baked_for(file: &WctFile, scene: &Scene, path: &Path) -> Option<Flight> {
         .ok()
 }
 
-/// Says so where a file was baked under another sky than the scene is shown under.
-fn warn_of_other_weather(file: &WctFile, scene: &Scene, path: &Path) {
+/// Says so where a file was baked under another sky than the scene is shown under, or from
+/// other windows and floors than it has.
+fn warn_of_another_bake(file: &WctFile, scene: &Scene, path: &Path) {
     let shown = scene.sky.as_ref().map(ToString::to_string);
     let baked = file.options.get(super::SKY);
     if baked != shown.as_ref() {
@@ -376,6 +377,11 @@ fn warn_of_other_weather(file: &WctFile, scene: &Scene, path: &Path) {
             path.display(),
             name(baked),
             name(shown.as_ref())
+        );
+    } else if file.options.get(super::SCENE).is_some_and(|of| *of != fingerprint(scene)) {
+        eprintln!(
+            "tracer: warning: {}: the scene's windows or floors have changed since it was baked: bake again",
+            path.display()
         );
     }
 }

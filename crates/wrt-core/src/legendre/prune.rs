@@ -49,16 +49,20 @@ pub(super) fn prune<P>(
     let make = |price: f64| Pruned::new(positions, options.orders, price.exp(), unseen);
     // The price of the whole lies between nothing and everything.
     let largest = positions.iter().map(|position| largest(&position.root)).fold(0.0, f64::max);
-    let (mut low, mut high) = ((norm * 1e-24).max(price_of(largest / QUANTA)).ln(), norm.ln());
+    // Below this, coefficients would be more steps than there are.
+    let least = price_of(largest / QUANTA).ln();
+    let (mut low, mut high) = ((norm * 1e-24).ln(), norm.ln());
     if let Some(last) = last {
         (low, high) = (low.max(last.price - NEAR), high.min(last.price + NEAR));
     }
     let find = |mut low: f64, mut high: f64, allowed: f64| {
         while high - low > CLOSE {
             let middle = 0.5 * (low + high);
-            if make(middle).error <= allowed { low = middle } else { high = middle }
+            let is_low = middle < least || make(middle).error <= allowed;
+            if is_low { low = middle } else { high = middle }
         }
-        (low, make(low))
+        let price = low.max(least);
+        (price, make(price))
     };
     let (mut price, mut pruned) = find(low, high, allowed);
     if pruned.error > allowed {
