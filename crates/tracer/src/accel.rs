@@ -276,9 +276,7 @@ impl Accel {
         self.visibility_along(origin, path / length, length * SHADOW_REACH)
     }
 
-    /// The fraction of light that goes over the distance `reach`, which may be infinite,
-    /// along the unit `direction`: 0 behind something opaque, the product of the
-    /// transmissions of what is clear. Refraction does not bend it.
+    /// [`visibility_of`](Self::visibility_of) a single ray.
     #[cfg(test)]
     pub(crate) fn visibility_along(&self, origin: DVec3, direction: DVec3, reach: f64) -> f32 {
         dispatch!(self.level, simd => self.visibility_with(simd, origin, direction, reach))

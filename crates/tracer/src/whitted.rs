@@ -331,7 +331,8 @@ impl Whitted<'_> {
             let reflected = Vec3::splat(bent.fresnel as f32 * clear);
             let mut radiance = self.follow(surface, beam, mirrored, reflected, branch, sample);
             if let Some(refracted) = bent.direction {
-                let weight = (1.0 - bent.fresnel as f32) * clear * surface.colour;
+                let colour = material.filter.unwrap_or(surface.colour);
+                let weight = (1.0 - bent.fresnel as f32) * clear * colour;
                 // Beside the ray, as it is bent; past the critical angle, along with it.
                 let bend = |direction: DVec3| {
                     Refraction::new(surface, direction).direction.unwrap_or(refracted)

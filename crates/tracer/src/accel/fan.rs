@@ -56,8 +56,10 @@ impl Accel {
         }
     }
 
-    /// [`visibility_along`](Self::visibility_along) each of the unit directions over its
-    /// reach from `origin` on, put into `visible`.
+    /// The fraction of light that goes along each of the unit directions over its reach,
+    /// which may be infinite, from `origin` on, put into `visible`: 0 behind something
+    /// opaque, the product of the transmissions of what is clear. Refraction does not bend
+    /// it.
     pub(crate) fn visibility_of(
         &self,
         origin: DVec3,

@@ -104,6 +104,8 @@ pub(crate) struct Material {
     pub(crate) glazing_file: Option<PathBuf>,
     /// Fraction of the light at normal incidence that passes, 0 for opaque.
     pub(crate) transmission: f32,
+    /// What light that passes is multiplied by; `None`: by the diffuse colour.
+    pub(crate) filter: Option<Vec3>,
     pub(crate) ior: f32,
     /// Reflects as a perfect mirror, times k_s.
     pub(crate) mirror: bool,
@@ -129,6 +131,7 @@ impl Default for Material {
             glazing: None,
             glazing_file: None,
             transmission: 0.0,
+            filter: None,
             ior: 1.5,
             mirror: false,
             double_sided: false,

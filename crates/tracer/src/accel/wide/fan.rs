@@ -74,7 +74,7 @@ fn lanes_mut(x: &mut [f32; RAYS], at: usize) -> &mut [f32; LANES] {
 
 impl FanRays {
     /// The rays with a bit in `of` from `origin` in the scaled frame up to the distances
-    /// `reach` along `directions`, by axis, whose [signs](signs) are `backward`; `None`
+    /// `reach` along `directions`, by axis, whose [`signs`] are `backward`; `None`
     /// too far from the scene.
     #[inline(always)]
     pub(in crate::accel) fn new<S: Simd>(

@@ -115,6 +115,12 @@ fn convert(
     ensure!((0.0..=1.0).contains(&opaque), "d (or 1 − Tr) is {opaque}, outside 0 to 1");
     // Models 4, 6, 7 and 9 are of glass, which many files leave at d = 1.
     let glass = matches!(model, 4 | 6 | 7 | 9);
+    // Of glass k_d says nothing, and is often 0: Tf colours it.
+    let filter = mtl.unknown_param.get("Tf").map(|text| filter(text));
+    if filter == Some(None) {
+        warnings.ignored("Tf outside 0 to 1", owner);
+    }
+    let filter = filter.flatten().unwrap_or(Vec3::ONE);
     let transmission = if glass && opaque == 1.0 { 1.0 } else { 1.0 - opaque };
     Ok(Material {
         name: mtl.name.clone(),
@@ -125,11 +131,23 @@ fn convert(
         emission: colour(mtl.emissive, emission_texture, Vec3::ZERO),
         emission_texture: emission_texture.map(Map::of),
         transmission,
+        filter: (transmission > 0.0).then_some(filter),
         // Exporters write 0 or 0.001 for "not glass".
         ior: mtl.optical_density.filter(|n| n.is_finite() && *n >= 1.0).unwrap_or(default.ior),
         mirror: matches!(model, 3 | 5) && ks != Vec3::ZERO,
         ..default
     })
+}
+
+/// The colour of a `Tf` line, if it is one.
+fn filter(text: &str) -> Option<Vec3> {
+    let numbers: Option<Vec<f32>> = text.split_whitespace().map(|x| x.parse().ok()).collect();
+    let rgb = match numbers?[..] {
+        [grey] => Vec3::splat(grey),
+        [r, g, b] => Vec3::new(r, g, b),
+        _ => return None,
+    };
+    (rgb.cmpge(Vec3::ZERO).all() && rgb.cmple(Vec3::ONE).all()).then_some(rgb)
 }
 
 /// The file of a `map_` line, without the options before it.

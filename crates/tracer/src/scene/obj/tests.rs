@@ -97,6 +97,11 @@ fn mirrors_and_glass_go_by_the_illumination_model() {
     assert!(mirror.mirror && mirror.transmission == 0.0, "{mirror:?}");
     let glass = material("Kd 0 0 0\nNi 1.33\nillum 7");
     assert_eq!((glass.transmission, glass.ior, glass.mirror), (1.0, 1.33, false));
+    assert_eq!(glass.filter, Some(Vec3::ONE), "clear, for all that Kd says");
+    assert_eq!(material("d 0.25\nTf 0.5 1 0.25").filter, Some(Vec3::new(0.5, 1.0, 0.25)));
+    assert_eq!(material("Tf 0.5\nillum 7").filter, Some(Vec3::splat(0.5)));
+    assert_eq!(material("Tf 2 1 1\nillum 7").filter, Some(Vec3::ONE));
+    assert_eq!(material("Kd 1 1 1\nTf 0.5").filter, None, "opaque");
     assert_eq!(material("d 0.25").transmission, 0.75);
     assert_eq!(material("Tr 0.25\nNi 0.001").transmission, 0.25);
 }
