@@ -176,6 +176,16 @@ fn weather_lights_the_windows() {
 }
 
 #[test]
+fn a_bake_does_not_take_a_pictures_name() {
+    let folder = Folder::new();
+    let picture = folder.path("there.PNG");
+    fs::write(&picture, "a picture").expect("written");
+    let complaint = fail(1, &["bake", &scene("quad/quad.gltf"), "-o", &picture]);
+    assert!(complaint.contains("name it .wct"), "{complaint}");
+    assert_eq!(fs::read(&picture).expect("there"), b"a picture");
+}
+
+#[test]
 fn a_bake_of_another_scene_is_told_of() {
     let folder = Folder::new();
     let (quad, out, png) =

@@ -18,6 +18,10 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
         // Before the work, not after it.
         bail!("{}: the folder {} does not exist", args.output.display(), folder.display());
     }
+    let extension = args.output.extension().unwrap_or_default().to_ascii_lowercase();
+    if ["png", "exr", "gltf", "glb", "obj", "mtl"].iter().any(|known| extension == *known) {
+        bail!("{}: name it .wct", args.output.display());
+    }
     let mut scene = super::load(&args.scene)?;
     super::light_windows(&mut scene, &args.weather)
         .with_context(|| format!("{}", args.scene.display()))?;

@@ -20,6 +20,9 @@ use serde_json::Value;
 use std::collections::HashMap;
 use std::path::Path;
 
+/// Roughness up to which what light passes looks clear.
+const CLEAR: f32 = 0.05;
+
 /// Textures of a file, each decoded when first used.
 #[derive(Debug)]
 pub(super) struct Textures<'a> {
@@ -153,6 +156,9 @@ pub(super) fn read(
     }
     let transmission = transmission.map_or(0.0, |t| t.transmission_factor.0);
     material.transmission = fraction("transmissionFactor", transmission)?;
+    if transmission > 0.0 && json.pbr_metallic_roughness.roughness_factor.0 > CLEAR {
+        warnings.ignored("the roughness of what light passes, which is clear here", owner);
+    }
 
     let strength = extensions.and_then(|e| e.emissive_strength.as_ref());
     let strength = strength.map_or(1.0, |s| s.emissive_strength.0);
@@ -450,6 +456,18 @@ mod tests {
             let text = format!("{:#}", convert(value).0.expect_err("not valid"));
             assert!(text.contains(expected), "{text}");
         }
+    }
+
+    #[test]
+    fn frosted_glass_is_clear_and_that_is_said() {
+        let glass = |roughness: f32| {
+            convert(json!({
+                "pbrMetallicRoughness": {"roughnessFactor": roughness, "metallicFactor": 0.0},
+                "extensions": {"KHR_materials_transmission": {"transmissionFactor": 1.0}}}))
+        };
+        assert_eq!(glass(0.0).1, [""; 0]);
+        let said = "ignored the roughness of what light passes, which is clear here (material 0)";
+        assert_eq!(glass(0.5).1, [said]);
     }
 
     #[test]
