@@ -73,7 +73,8 @@ fn the_core_depends_on_no_scene_and_no_picture() {
     let dependencies = dependencies.split("\n[").next().expect("at least one part");
     let names = dependencies.lines().filter_map(|line| Some(line.split_once('=')?.0.trim()));
     for name in names {
-        let known = ["crc32fast", "glam", "rayon", "serde", "serde_json", "thiserror"];
+        let known =
+            ["crc32fast", "fearless_simd", "glam", "rayon", "serde", "serde_json", "thiserror"];
         assert!(known.contains(&name), "wrt-core depends on {name}: does it belong there?");
     }
 }

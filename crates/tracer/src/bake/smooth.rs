@@ -103,6 +103,10 @@ impl<'a> Radiance for Watched<'a> {
         self.reflected.radiance(place, mu)
     }
 
+    fn is_plain(&self, place: &Self::Place, axis: DVec3, radius: f64) -> bool {
+        self.reflected.is_plain(place, axis, radius)
+    }
+
     fn scale(&self) -> f64 {
         self.reflected.scale()
     }

@@ -3,9 +3,11 @@
 
 mod area_light;
 mod disc_light;
+mod glossy;
 
 pub use area_light::AreaLight;
 pub use disc_light::DiscLight;
+pub use glossy::Glossy;
 
 use crate::Frame;
 use glam::DVec3;
@@ -36,20 +38,6 @@ pub struct Bundle {
     /// The cosine of the greatest angle between the axis and a beam.
     pub cosine: f64,
     range: Range<usize>,
-}
-
-impl Bundle {
-    /// The greatest cosine that a beam's direction can have with a unit direction.
-    #[must_use]
-    pub fn greatest_cosine(&self, direction: DVec3) -> f64 {
-        let (cos, cos_radius) = (self.axis.dot(direction), self.cosine);
-        if cos >= cos_radius {
-            return 1.0;
-        }
-        // cos(angle − radius).
-        let sin = |cos: f64| (1.0 - cos * cos).max(0.0).sqrt();
-        cos * cos_radius + sin(cos) * sin(cos_radius)
-    }
 }
 
 impl Beams {

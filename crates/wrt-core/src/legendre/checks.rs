@@ -35,10 +35,7 @@ struct Check {
 
 impl Checks {
     /// Evaluates the radiance in each leaf of `positions`.
-    pub(super) fn new<R: Radiance>(
-        sampling: &Sampling<'_, R>,
-        positions: &[Position<R::Place>],
-    ) -> Self {
+    pub(super) fn new<R: Radiance>(sampling: &Sampling<'_, R>, positions: &[Position]) -> Self {
         let leaves: f64 = positions.iter().flat_map(|p| p.root.leaves()).map(Sampled::share).sum();
         let wanted = LEAST / leaves;
         let places = wanted.ceil().clamp(PLACES[0], PLACES[1]);

@@ -25,6 +25,12 @@ pub trait Radiance: Sync {
     /// overlooked; infinite if it hardly depends on direction.
     fn scale(&self) -> f64;
 
+    /// Whether, seen from within `radius` radians of `axis`, it does not depend on direction
+    /// at all: then no lobe can be overlooked there.
+    fn is_plain(&self, _place: &Self::Place, _axis: DVec3, _radius: f64) -> bool {
+        false
+    }
+
     /// From which directions on `map` anybody looks at position (u, v), or at any that
     /// is at most `reach` away along either axis; `None` if from all.
     ///
@@ -112,9 +118,11 @@ const ENOUGH: [f64; 2] = [0.81, 0.87];
 /// What of its square must be left for pruning: if less is, more cells are wanted.
 const LEAST: f64 = 0.15;
 
-/// How often cells are split anew, because points tell of more than coefficients do,
-/// and how often pruned with what points tell of.
-const ROUNDS: usize = 4;
+/// How often cells are split anew, because points tell of more than coefficients do: how
+/// much of all cells there may then be before directions take the rest.
+const FOR_POSITIONS: [f64; 4] = [0.25, 0.5, 0.75, 0.75];
+
+/// How often they are pruned with what points tell of.
 const PRUNINGS: usize = 3;
 
 /// Projects `radiance`, using all threads of the current pool; the result does not
@@ -167,9 +175,10 @@ fn refine<R: Radiance>(sampling: &Sampling<'_, R>) -> Option<Projected> {
     if !is_part && made.norm_squared == 0.0 {
         return Some(made);
     }
-    for _ in 0..ROUNDS {
+    for for_positions in FOR_POSITIONS {
         let cells = count(&positions);
-        positions = sampling.split_positions(positions, share);
+        let most = (for_positions * options.cells as f64) as usize;
+        positions = sampling.split_positions(positions, share, most);
         sampling.split_directions(&mut positions, share);
         if made.error > 0.0 && count(&positions) == cells {
             break;
@@ -211,7 +220,7 @@ fn refine<R: Radiance>(sampling: &Sampling<'_, R>) -> Option<Projected> {
 
 /// What the square of an error counts where nobody looks, so that [`UNSEEN_ERROR`] of the
 /// radiance there weighs as much as `error` of that which is seen.
-fn unseen_weight<P>(positions: &[Position<P>], error: f64) -> f64 {
+fn unseen_weight(positions: &[Position], error: f64) -> f64 {
     let mean_square = |view: View| {
         let leaves = positions.iter().flat_map(|p| p.root.leaves());
         let (mut norm, mut measure) = (0.0, 0.0);

@@ -33,8 +33,8 @@ pub(super) struct Pruning {
 ///
 /// Where cells and orders end before `allowed` is reached, hardly more than they must
 /// is left out instead.
-pub(super) fn prune<P>(
-    positions: &[Position<P>],
+pub(super) fn prune(
+    positions: &[Position],
     norm: f64,
     allowed: f64,
     last: Option<&Pruning>,
@@ -90,7 +90,7 @@ struct Pruned {
 }
 
 impl Pruned {
-    fn new<P>(positions: &[Position<P>], orders: Orders, price: f64, unseen: f64) -> Self {
+    fn new(positions: &[Position], orders: Orders, price: f64, unseen: f64) -> Self {
         let (shape, quanta) = (Vec::new(), Vec::new());
         let mut pruned = Self { unseen, shape, step: step(price), quanta, error: 0.0 };
         let mut rest = positions.iter();
@@ -99,10 +99,10 @@ impl Pruned {
     }
 
     /// Writes the position cell and those below it, which come next in `rest`.
-    fn add_position<'a, P: 'a>(
+    fn add_position<'a>(
         &mut self,
         cell: Cells,
-        rest: &mut std::slice::Iter<'a, Position<P>>,
+        rest: &mut std::slice::Iter<'a, Position>,
         orders: Orders,
         price: f64,
     ) {

@@ -2,8 +2,8 @@
 //! (Eq. 1), for projection.
 
 use super::Radiance;
-use crate::beams::{Beams, Illuminant};
-use crate::{Phong, Polygon, phong_lobe};
+use crate::beams::{Beams, Glossy, Illuminant};
+use crate::{Phong, Polygon};
 use glam::{DVec2, DVec3};
 use std::f64::consts::FRAC_1_PI;
 
@@ -22,11 +22,8 @@ pub struct Lit {
     /// k_d E / π.
     diffuse: [f64; 3],
     /// None if the surface has no lobe.
-    beams: Beams,
+    glossy: Option<Glossy>,
 }
-
-/// A bundle whose whole lobe is below this part of the lobe's peak is left out.
-const NEGLIGIBLE: f64 = 1e-6;
 
 impl<'a> Reflected<'a> {
     /// What `polygon` reflects of `lights`.
@@ -64,28 +61,21 @@ impl Radiance for Reflected<'_> {
         }
         let e = beams.irradiance();
         let diffuse = std::array::from_fn(|c| self.phong.kd[c] * FRAC_1_PI * e[c]);
-        Lit { diffuse, beams: if self.phong.is_glossy() { beams } else { Beams::default() } }
+        let lobe = || Glossy::new(&beams, self.phong.exponent);
+        Lit { diffuse, glossy: self.phong.is_glossy().then(lobe) }
     }
 
     fn radiance(&self, place: &Lit, mu: DVec3) -> [f64; 3] {
-        let n = self.phong.exponent;
         // R·V is S·(mirrored V) as well.
         let mirrored = DVec3::new(-mu.x, -mu.y, mu.z);
-        // The least cosine that counts.
-        let least = NEGLIGIBLE.powf(1.0 / n.max(1e-3));
-        let mut specular = [0.0; 3];
-        for (bundle, beams) in place.beams.bundles() {
-            if bundle.greatest_cosine(mirrored) <= least {
-                continue;
-            }
-            for beam in beams {
-                let lobe = phong_lobe(n, beam.to_light.dot(mirrored));
-                for (sum, e) in specular.iter_mut().zip(beam.irradiance) {
-                    *sum += lobe * e;
-                }
-            }
-        }
+        let Some(glossy) = &place.glossy else { return place.diffuse };
+        let specular = glossy.gather(mirrored);
         std::array::from_fn(|c| place.diffuse[c] + self.phong.ks[c] * specular[c])
+    }
+
+    fn is_plain(&self, place: &Lit, axis: DVec3, radius: f64) -> bool {
+        let mirrored = DVec3::new(-axis.x, -axis.y, axis.z);
+        place.glossy.as_ref().is_none_or(|glossy| !glossy.reaches(mirrored, radius))
     }
 
     fn scale(&self) -> f64 {

@@ -10,10 +10,10 @@ use crate::multiwavelet::{Multiwavelet, gauss_legendre, legendre};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
-/// A position cell with its places, at Gauss nodes, u fastest.
-pub(super) struct Position<P> {
+/// A position cell. Its places are worked out again whenever it is sampled: a polished
+/// surface's are hundreds of kilobytes each.
+pub(super) struct Position {
     pub(super) cell: Cells,
-    places: Vec<P>,
     /// `None` if it is seen from everywhere.
     pub(super) views: Option<Views>,
     pub(super) root: Sampled,
@@ -95,24 +95,25 @@ impl<'a, R: Radiance> Sampling<'a, R> {
     }
 
     /// The energy that may be left out for want of positions or of directions.
-    fn allowed(&self, positions: &[Position<R::Place>], share: f64) -> f64 {
+    fn allowed(&self, positions: &[Position], share: f64) -> f64 {
         self.options.error * self.options.error * norm_squared(positions, View::Seen) * share
     }
 
-    /// Splits position cells until what they leave out is allowed.
+    /// Splits position cells until what they leave out is allowed, or there would be more
+    /// than `most` cells.
     pub(super) fn split_positions(
         &self,
-        mut positions: Vec<Position<R::Place>>,
+        mut positions: Vec<Position>,
         share: f64,
-    ) -> Vec<Position<R::Place>> {
-        let most = self.options.levels[0];
+        most: usize,
+    ) -> Vec<Position> {
+        let deepest = self.options.levels[0];
         loop {
             let tails: Vec<f64> = positions.iter().map(|p| p.root.tail(0)).collect();
             let cells = count(&positions);
-            // Each split makes three more positions with as many directions; three
-            // quarters of the cells are for what directions need.
-            let room = (self.options.cells / 4).saturating_sub(cells) * positions.len();
-            let splits = |i: usize| positions[i].cell.levels[0] < most;
+            // Each split makes three more positions with as many directions.
+            let room = most.saturating_sub(cells) * positions.len();
+            let splits = |i: usize| positions[i].cell.levels[0] < deepest;
             let allowed = self.allowed(&positions, share);
             let split = worst(&tails, allowed, room / (3 * cells), splits);
             if split.is_empty() {
@@ -129,40 +130,61 @@ impl<'a, R: Radiance> Sampling<'a, R> {
     }
 
     /// Splits direction cells until what they leave out is allowed.
-    pub(super) fn split_directions(&self, positions: &mut [Position<R::Place>], share: f64) {
+    pub(super) fn split_directions(&self, positions: &mut [Position], share: f64) {
         loop {
             let allowed = self.allowed(positions, share);
-            let mut leaves = Vec::new();
-            for Position { places, views, root, .. } in &mut *positions {
-                let seen = (&*places, views.as_ref());
-                leaves.extend(root.leaves_mut().into_iter().map(|leaf| (seen, leaf)));
+            let mut leaves: Vec<&mut Sampled> = Vec::new();
+            // The number of each position's last leaf, and one.
+            let mut ends = Vec::new();
+            for Position { root, .. } in &mut *positions {
+                leaves.extend(root.leaves_mut());
+                ends.push(leaves.len());
             }
-            let tails: Vec<f64> = leaves.iter().map(|(_, leaf)| leaf.tail(1)).collect();
+            let tails: Vec<f64> = leaves.iter().map(|leaf| leaf.tail(1)).collect();
             let room = self.options.cells.saturating_sub(leaves.len()) / 3;
             let splits = |i: usize| {
-                let leaf: &Sampled = leaves[i].1;
+                let leaf: &Sampled = leaves[i];
                 leaf.is_seen() && leaf.cell.levels[1] < self.options.levels[1]
             };
             let split = worst(&tails, allowed, room, splits);
             if split.is_empty() {
                 return;
             }
-            let chosen = leaves.into_iter().enumerate();
-            let chosen: Vec<_> = chosen.filter(|(i, _)| split.binary_search(i).is_ok()).collect();
-            chosen.into_par_iter().for_each(|(_, ((places, views), leaf))| {
-                let below = leaf.cell.children(1).map(|cell| self.cell(places, views, cell));
-                leaf.adopt(below, &self.basis);
+            let (mut rest, mut start, mut work) = (&split[..], 0, Vec::new());
+            for (position, end) in positions.iter_mut().zip(ends) {
+                let (chosen, others) = rest.split_at(rest.partition_point(|i| *i < end));
+                if !chosen.is_empty() {
+                    work.push((position, chosen.iter().map(|i| i - start).collect::<Vec<_>>()));
+                }
+                (rest, start) = (others, end);
+            }
+            work.into_par_iter().for_each(|(Position { cell, views, root }, chosen)| {
+                let places = self.places(*cell);
+                let leaves = root.leaves_mut().into_iter().enumerate();
+                let leaves: Vec<_> =
+                    leaves.filter(|(i, _)| chosen.binary_search(i).is_ok()).collect();
+                leaves.into_par_iter().for_each(|(_, leaf)| {
+                    let below = leaf.cell.children(1);
+                    let below = below.map(|cell| self.cell(&places, views.as_ref(), cell));
+                    leaf.adopt(below, &self.basis);
+                });
             });
         }
     }
 
-    pub(super) fn position(&self, cell: Cells) -> Position<R::Place> {
+    /// What arrives at the position cell's Gauss nodes, u fastest.
+    fn places(&self, cell: Cells) -> Vec<R::Place> {
         let (low, width) = cell.square(0);
         let place = |(at, _): &(DVec2, f64)| self.radiance.place(low + width * *at);
-        let places: Vec<R::Place> = self.position.nodes.par_iter().map(place).collect();
+        self.position.nodes.par_iter().map(place).collect()
+    }
+
+    pub(super) fn position(&self, cell: Cells) -> Position {
+        let (low, width) = cell.square(0);
+        let places = self.places(cell);
         let views = self.views(low, width);
         let root = self.directions(&places, views.as_ref(), cell);
-        Position { cell, places, views, root }
+        Position { cell, views, root }
     }
 
     /// See [`Radiance::views`].
@@ -189,7 +211,7 @@ impl<'a, R: Radiance> Sampling<'a, R> {
     fn directions(&self, places: &[R::Place], views: Option<&Views>, cell: Cells) -> Sampled {
         let mut sampled = self.cell(places, views, cell);
         let base = if sampled.is_seen() { self.base } else { self.base.saturating_sub(1) };
-        if cell.levels[1] < base && sampled.is_inside() {
+        if cell.levels[1] < base && sampled.is_inside() && !self.is_plain(places, cell) {
             let below: Vec<Sampled> = cell
                 .children(1)
                 .into_par_iter()
@@ -199,6 +221,17 @@ impl<'a, R: Radiance> Sampling<'a, R> {
             sampled.adopt(below, &self.basis);
         }
         sampled
+    }
+
+    /// Whether no direction of the cell sees a lobe from any of the places.
+    fn is_plain(&self, places: &[R::Place], cell: Cells) -> bool {
+        let (low, width) = cell.square(1);
+        let axis = self.map.to_direction(low + 0.5 * width);
+        let corners = [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE];
+        let angle = |corner| self.map.to_direction(low + width * corner).angle_between(axis);
+        // The square is bent: a little more than its corners.
+        let radius = 1.2 * corners.map(angle).into_iter().fold(0.0, f64::max);
+        places.iter().all(|place| self.radiance.is_plain(place, axis, radius))
     }
 
     /// Samples and projects one cell.
@@ -248,7 +281,7 @@ impl<'a, R: Radiance> Sampling<'a, R> {
 }
 
 /// How many direction cells there are.
-pub(super) fn count<P>(positions: &[Position<P>]) -> usize {
+pub(super) fn count(positions: &[Position]) -> usize {
     positions.iter().map(|p| p.root.leaves().len()).sum()
 }
 
@@ -276,7 +309,7 @@ fn worst(values: &[f64], allowed: f64, room: usize, can: impl Fn(usize) -> bool)
 }
 
 /// ‖L‖² of the leaves with that view.
-pub(super) fn norm_squared<P>(positions: &[Position<P>], view: View) -> f64 {
+pub(super) fn norm_squared(positions: &[Position], view: View) -> f64 {
     let leaves = positions.iter().flat_map(|p| p.root.leaves());
     leaves.filter(|leaf| leaf.view == view).map(|leaf| leaf.norm).sum()
 }

@@ -255,7 +255,8 @@ fn a_tile_under_a_window_is_that_of_direct_quadrature() {
     let light = AreaLight::new(&window, emission.clone());
     let tile = Polygon::rectangle(DVec3::new(0.2, 0.0, 2.5), DVec3::X, -DVec3::Z).expect("a tile");
     let emitters = [(window, emission)];
-    for (kd, ks, exponent) in [(0.8, 0.1, 8.0), (0.1, 0.6, 40.0), (0.5, 0.0, 0.0)] {
+    let materials = [(0.8, 0.1, 8.0), (0.1, 0.6, 40.0), (0.1, 0.6, 1000.0), (0.5, 0.0, 0.0)];
+    for (kd, ks, exponent) in materials {
         let phong = Phong { kd: [kd; 3], ks: [ks; 3], exponent };
         let lights: [&dyn crate::beams::Illuminant; 1] = [&light];
         let reflected = Reflected::new(&tile, &phong, &lights);
