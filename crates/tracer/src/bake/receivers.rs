@@ -7,6 +7,10 @@ use crate::scene::{
 use anyhow::{Context as _, bail};
 use wrt_core::{Phong, Polygon};
 
+/// The largest exponent that is baked: a lobe of 0.4°. What a window's image shows at less
+/// takes more cells than anybody would wait for.
+const NARROWEST: f64 = 2e4;
+
 pub(crate) struct Receiver {
     pub(crate) planar: PlanarPolygon,
     pub(crate) polygon: Polygon,
@@ -36,7 +40,14 @@ pub(crate) fn receivers(
         // A mirror's k_s is the raytracer's recursive ray, not the patch's.
         let ks = if material.mirror { [0.0; 3] } else { material.ks.as_dvec3().to_array() };
         let kd = material.kd.as_dvec3().to_array();
-        let phong = Phong::new(kd, ks, f64::from(material.exponent))
+        let exponent = f64::from(material.exponent);
+        if exponent > NARROWEST && ks != [0.0; 3] {
+            warnings.push(format!(
+                "receiver \"{}\": its lobe of exponent {exponent} is baked as one of {NARROWEST}, 0.4° wide; a mirror would do (roughnessFactor up to 0.1, or illum 3)",
+                planar.name
+            ));
+        }
+        let phong = Phong::new(kd, ks, exponent.min(NARROWEST))
             .with_context(|| format!("material \"{}\"", material.name))?;
         Ok(Receiver { planar, polygon, phong })
     };

@@ -54,11 +54,15 @@ fn light_windows(scene: &mut Scene, weather: &crate::cli::Weather) -> anyhow::Re
 
 /// A progress bar on stderr, silent where that is no terminal.
 fn bar(length: u64, what: &'static str, unit: &str) -> ProgressBar {
-    let template =
-        format!("{{msg:>14}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{eta}} left");
+    let template = format!(
+        "{{msg:>14}} {{spinner}} {{wide_bar}} {{pos}}/{{len}} {unit}  {{per_sec}}  {{elapsed}}, {{eta}} left"
+    );
     let style =
         ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar());
-    ProgressBar::new(length).with_style(style).with_message(what)
+    let bar = ProgressBar::new(length).with_style(style).with_message(what);
+    // A polished patch can take half a minute.
+    bar.enable_steady_tick(std::time::Duration::from_millis(200));
+    bar
 }
 
 /// Writes `text` whole or not at all.

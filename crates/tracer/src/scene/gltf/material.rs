@@ -23,6 +23,10 @@ use std::path::Path;
 /// Roughness up to which what light passes looks clear.
 const CLEAR: f32 = 0.05;
 
+/// Roughness up to which a surface is a mirror: its lobe is half a degree wide, as the sun
+/// is, and a highlight of it would show lamps and not what else there is.
+const MIRROR: f32 = 0.1;
+
 /// Textures of a file, each decoded when first used.
 #[derive(Debug)]
 pub(super) struct Textures<'a> {
@@ -268,7 +272,7 @@ fn reflection(
     // The renderer multiplies k_d by the texture, whose mean is in it already.
     let textured = material.kd / mean;
     material.kd = Vec3::select(mean.cmpgt(Vec3::ZERO), textured, Vec3::ZERO);
-    material.mirror = metal.metallic * numbers[1] == 1.0 && metal.roughness * numbers[0] == 0.0;
+    material.mirror = metal.roughness * numbers[0] <= MIRROR && material.ks != Vec3::ZERO;
     Ok(())
 }
 
@@ -339,12 +343,18 @@ mod tests {
     }
 
     #[test]
-    fn a_smooth_metal_is_a_mirror() {
+    fn what_is_smooth_is_a_mirror() {
         let m = material(json!({"doubleSided": true, "pbrMetallicRoughness": {
             "baseColorFactor": [0.9, 0.8, 0.7, 1.0], "metallicFactor": 1.0, "roughnessFactor": 0.0}}));
         assert_eq!((m.kd, m.ks), (Vec3::ZERO, Vec3::new(0.9, 0.8, 0.7)));
         assert_eq!(m.exponent, 1e5);
         assert!(m.mirror && m.double_sided, "{m:?}");
+        for (roughness, mirror) in [(0.1, true), (0.11, false)] {
+            let stone = material(json!({"pbrMetallicRoughness": {
+                "metallicFactor": 0.0, "roughnessFactor": roughness}}));
+            assert_eq!(stone.mirror, mirror, "a dielectric of roughness {roughness}");
+            assert!(stone.kd.x > 0.9, "with its own colour: {}", stone.kd);
+        }
         let rough = material(json!({}));
         // glTF's defaults: a white metal of roughness 1, for which n = 0.
         assert_eq!((rough.ks, rough.exponent, rough.mirror), (Vec3::ONE, 0.0, false));
@@ -428,7 +438,7 @@ mod tests {
         // The texture is red: r and m are 0 times their factors.
         let m = material(json!({"pbrMetallicRoughness": {
             "baseColorFactor": [0.5, 0.5, 0.5, 1.0], "metallicRoughnessTexture": {"index": 0}}}));
-        assert!(m.kd.abs_diff_eq(Vec3::splat(0.48), 1e-6) && !m.mirror, "{m:?}");
+        assert!(m.kd.abs_diff_eq(Vec3::splat(0.48), 1e-6) && m.mirror, "{m:?}");
         assert!(m.metallic.is_some_and(|m| m.map.is_some()), "{m:?}");
         // f₀ takes the red; k_d's own texture is not counted twice.
         let m = material(json!({"pbrMetallicRoughness": {
