@@ -33,7 +33,7 @@ const MANY: usize = 256;
 /// What shines: one piece of a mesh, or all of very many.
 #[derive(Debug)]
 pub(crate) enum AreaEmitter {
-    One(Flat),
+    One(Box<Flat>),
     Many(Hierarchy),
 }
 
@@ -65,7 +65,7 @@ impl AreaEmitter {
             (flats, Vec::new())
         };
         let many = Hierarchy::new(others).map(Self::Many);
-        alone.into_iter().map(Self::One).chain(many).collect()
+        alone.into_iter().map(|flat| Self::One(Box::new(flat))).chain(many).collect()
     }
 
     /// Adds to `lights` what `surface` reflects to the eye of each cell, or of one cell for

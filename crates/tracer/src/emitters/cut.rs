@@ -10,7 +10,7 @@
 
 use super::hierarchy::{Hierarchy, Node, Span};
 use crate::{
-    phong::{Surface, Unshadowed},
+    phong::{Source, Surface, Unshadowed},
     whitted::R2,
 };
 use glam::{DVec2, DVec3};
@@ -22,6 +22,14 @@ use std::{
 use wrt_core::cosine_power;
 
 /// Clusters are halved until none may give more than this share of what all together may.
+///
+/// A bumpy sphere of 19 880 triangles over a floor with two boxes, in 48x36 pixels of 16
+/// samples each, against all cells at the same camera rays, relative RMS, and CPU time,
+/// which is 19 s for all cells with shared shadow rays:
+///
+/// ```text
+/// 1/16: 0.30 %, 0.80 s    1/32: 0.19 %, 1.5 s    1/64: 0.10 %, 2.5 s    1/128: 0.06 %, 4.4 s
+/// ```
 const SHARE: f64 = 1.0 / 64.0;
 
 /// Most clusters of a cut.
@@ -207,7 +215,15 @@ impl Hierarchy {
             }
         }
         let (flat, cell) = self.cell(span.first);
-        let light = flat.light_of(cell, surface, DVec2::new(u.min(1.0 - f64::EPSILON), place.y))?;
-        Some(Unshadowed { radiance: light.radiance / probability as f32, ..light })
+        let place = DVec2::new(u.min(1.0 - f64::EPSILON), place.y);
+        let light = flat.light_of(cell, surface, place)?;
+        let source = match light.source {
+            Source::Point(point) => Source::Drawn(point),
+            other => other,
+        };
+        Some(Unshadowed { radiance: light.radiance / probability as f32, source })
     }
 }
+
+#[cfg(test)]
+mod tests;
