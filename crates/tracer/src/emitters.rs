@@ -4,69 +4,45 @@
 //! of cells of equal area. A cell shines with its texture's mean from one point:
 //! its centre, or one that moves from sample to sample, which turns the bands
 //! that a fixed grid casts in penumbras into fine noise.
+//!
+//! Up to [`MANY`] of these pieces every cell is asked for at every surface. Of more,
+//! a hierarchy of the cells gives a few clusters, and each cluster one cell, drawn in
+//! proportion to what it might give: the expected light is that of all cells, and what
+//! it costs grows with the logarithm of their number.
 
+mod cut;
+mod flat;
+mod hierarchy;
+mod pieces;
 mod sunbeam;
 
 use crate::{
-    phong::{Source, Surface, Unshadowed},
-    scene::{Lobe, Map, Material, Mesh, Scene},
+    phong::{Surface, Unshadowed},
+    scene::{Lobe, Scene},
 };
-use glam::{DVec2, DVec3, Vec2, Vec3};
-use std::f64::consts::PI;
-use sunbeam::Sunbeam;
+use flat::Flat;
+use glam::{DVec2, DVec3};
+use hierarchy::Hierarchy;
+use pieces::{Piece, pieces};
 use wrt_core::cosine_power;
 
-/// Texture samples along a texel in a cell's mean.
-const SAMPLES_PER_TEXEL: f32 = 2.0;
+/// Most pieces of which every cell is asked for, as many as an authored room of lamps and
+/// windows has. A picture with no more is free of the noise of drawing.
+const MANY: usize = 256;
 
-/// Most texture samples along a cell's side.
-const MAX_SAMPLES: usize = 256;
-
-/// A parallelogram or triangle that shines to its front.
+/// What shines: one piece of a mesh, or all of very many.
 #[derive(Debug)]
-pub(crate) struct AreaEmitter {
-    corner: DVec3,
-    edge_u: DVec3,
-    edge_v: DVec3,
-    /// Unit, of the side that shines.
-    normal: DVec3,
-    /// Of one cell, m².
-    cell_area: f64,
-    /// Of a cell's sides relative to the emitter's.
-    cell_side: f64,
-    shape: Shape,
-    cells: Vec<Cell>,
-    /// In world coordinates.
-    lobe: Option<Lobe>,
-    sunbeam: Option<Sunbeam>,
-}
-
-/// Part of an emitter, where (s, t) = origin + sign · cell_side · place.
-#[derive(Debug)]
-struct Cell {
-    origin: DVec2,
-    sign: f64,
-    /// Mean radiance at the lobe's peak.
-    radiance: Vec3,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Shape {
-    Parallelogram,
-    Triangle,
-}
-
-impl Shape {
-    /// Takes a point of the unit square into the shape, area for area.
-    fn place(self, at: DVec2) -> DVec2 {
-        if self == Self::Triangle && at.x + at.y > 1.0 { DVec2::ONE - at } else { at }
-    }
+pub(crate) enum AreaEmitter {
+    One(Box<Flat>),
+    Many(Hierarchy),
 }
 
 impl AreaEmitter {
-    /// The emitters of `scene`, with about `grid`² cells per mesh.
+    /// The emitters of `scene`, with about `grid`² cells per mesh and one a piece at least.
+    ///
+    /// Panes that the sun shines straight through stand alone however many they are.
     pub(crate) fn all(scene: &Scene, grid: usize) -> Vec<Self> {
-        let mut emitters = Vec::new();
+        let mut flats = Vec::new();
         for mesh in &scene.meshes {
             let material = &scene.materials[mesh.material];
             if material.emission.max_element() <= 0.0 {
@@ -76,114 +52,35 @@ impl AreaEmitter {
             let total: f64 = pieces.iter().map(Piece::area).sum();
             for piece in pieces.iter().filter(|piece| piece.area() > 0.0) {
                 let m = (grid as f64 * (piece.area() / total).sqrt()).round().max(1.0) as usize;
-                let emitter = Self::new(scene, mesh, material, piece, m);
+                let flat = Flat::new(scene, mesh, material, piece, m);
                 // An emissive texture may be black where the mesh uses it.
-                if !emitter.cells.is_empty() {
-                    emitters.push(emitter);
+                if !flat.cells.is_empty() {
+                    flats.push(flat);
                 }
             }
         }
-        emitters
-    }
-
-    fn new(scene: &Scene, mesh: &Mesh, material: &Material, piece: &Piece, m: usize) -> Self {
-        let h = 1.0 / m as f64;
-        let corner_of = |i: usize, j: usize| DVec2::new(i as f64, j as f64) * h;
-        let texture = material.emission_texture.map(|map| &scene.textures[map.texture]);
-        let mean_over = |origin: DVec2, sign: f64, h: f64, shape: Shape| {
-            let Some(texture) = texture else { return material.emission };
-            let [uv, du, dv] = piece.uv;
-            let (width, height) = texture.size();
-            let texels = Vec2::new(width as f32, height as f32);
-            let side = ((du * texels).length().max((dv * texels).length())) * h as f32;
-            let n = ((side * SAMPLES_PER_TEXEL).ceil() as usize).clamp(1, MAX_SAMPLES);
-            let sum: Vec3 = (0..n * n)
-                .map(|k| {
-                    let at = DVec2::new((k % n) as f64 + 0.5, (k / n) as f64 + 0.5) / n as f64;
-                    let st = (origin + sign * h * shape.place(at)).as_vec2();
-                    texture.at(uv + st.x * du + st.y * dv).truncate()
-                })
-                .sum();
-            material.emission * sum / (n * n) as f32
+        let (alone, others): (Vec<Flat>, Vec<Flat>) = if flats.len() > MANY {
+            flats.into_iter().partition(|flat| flat.sunbeam.is_some())
+        } else {
+            (flats, Vec::new())
         };
-        let mean = |origin, sign| mean_over(origin, sign, h, piece.shape);
-        let cell = |origin, sign| Cell { origin, sign, radiance: mean(origin, sign) };
-        let mut cells = Vec::new();
-        for (i, j) in (0..m).flat_map(|i| (0..m).map(move |j| (i, j))) {
-            match piece.shape {
-                Shape::Parallelogram => cells.push(cell(corner_of(i, j), 1.0)),
-                Shape::Triangle => {
-                    if i + j < m {
-                        cells.push(cell(corner_of(i, j), 1.0));
-                    }
-                    if i + j + 1 < m {
-                        cells.push(cell(corner_of(i + 1, j + 1), -1.0));
-                    }
-                }
-            }
-        }
-        cells.retain(|cell| cell.radiance != Vec3::ZERO);
-        let window = material.lobe.as_ref().and_then(|lobe| lobe.window.as_ref());
-        let sunbeam = window.and_then(|window| window.sunlight).map(|sunlight| {
-            let side = sunbeam::SIDE as f64;
-            let colour = |i: usize| {
-                let cell = DVec2::new((i % sunbeam::SIDE) as f64, (i / sunbeam::SIDE) as f64);
-                mean_over(cell / side, 1.0, side.recip(), Shape::Parallelogram)
-            };
-            Sunbeam { sunlight, colours: (0..sunbeam::SIDE.pow(2)).map(colour).collect() }
-        });
-        let peak = |lobe: &Lobe| (mesh.transform.matrix3 * lobe.peak).normalize_or_zero();
-        Self {
-            corner: piece.corner,
-            edge_u: piece.edge_u,
-            edge_v: piece.edge_v,
-            normal: piece.edge_u.cross(piece.edge_v).normalize(),
-            cell_area: piece.area() * h * h,
-            cell_side: h,
-            lobe: material.lobe.as_ref().map(|lobe| Lobe { peak: peak(lobe), ..lobe.clone() }),
-            shape: piece.shape,
-            cells,
-            sunbeam,
-        }
+        let many = Hierarchy::new(others).map(Self::Many);
+        alone.into_iter().map(|flat| Self::One(Box::new(flat))).chain(many).collect()
     }
 
-    /// Adds to `lights` what `surface` reflects to the eye of each cell:
-    ///
-    /// ```text
-    /// f_r L_e cosθ_s cosθ_d ΔA / r²
-    /// ```
-    ///
-    /// `place`, in [0, 1)², is where in its cell each point lies.
+    /// Adds to `lights` what `surface` reflects to the eye of each cell, or of one cell for
+    /// each of some clusters, as much more of that as it stands for. `place`, in [0, 1)²,
+    /// says which cells, and where in a cell its point lies: evenly spread places give
+    /// the light of all points of all cells.
     pub(crate) fn illuminate(
         &self,
         surface: &Surface<'_>,
         place: DVec2,
         lights: &mut Vec<Unshadowed>,
     ) {
-        if (surface.position - self.corner).dot(self.normal) <= 0.0 {
-            return;
-        }
-        let place = self.cell_side * self.shape.place(place);
-        for cell in &self.cells {
-            let st = cell.origin + cell.sign * place;
-            let point = self.corner + st.x * self.edge_u + st.y * self.edge_v;
-            let path = point - surface.position;
-            let squared = path.length_squared();
-            let to_light = path / squared.sqrt();
-            let (cos_d, cos_s) = (surface.normal.dot(to_light), -self.normal.dot(to_light));
-            if cos_d <= 0.0 || cos_s <= 0.0 {
-                continue;
-            }
-            let lobe = self.lobe.as_ref().map_or(1.0, |lobe| lobe_factor(lobe, -to_light));
-            if lobe == 0.0 {
-                continue;
-            }
-            // A cell is no point to what touches it: its solid angle stays
-            // below that of a disc seen from its edge.
-            let solid_angle = self.cell_area * cos_s / squared.max(self.cell_area / PI);
-            let reflectance = surface.brdf.reflectance(surface.normal, to_light, surface.to_eye);
-            let radiance = reflectance * cell.radiance * (lobe * cos_d * solid_angle) as f32;
-            lights.push(Unshadowed { radiance, source: Source::Point(point) });
+        match self {
+            Self::One(flat) => flat.illuminate(surface, place, lights),
+            Self::Many(hierarchy) => hierarchy.illuminate(surface, place, lights),
         }
     }
 
@@ -191,18 +88,10 @@ impl AreaEmitter {
     /// emitter, if that is clear glass: of the point of the sun's disc that `place`, in
     /// [0, 1)², stands for.
     pub(crate) fn sunlight(&self, surface: &Surface<'_>, place: DVec2) -> Option<Unshadowed> {
-        let edges = [self.edge_u, self.edge_v];
-        let from = surface.position - self.corner;
-        let ray = self.sunbeam.as_ref().and_then(|beam| beam.ray(place, from, edges))?;
-        let cosine = surface.normal.dot(ray.to_light);
-        let outside = self.shape == Shape::Triangle && ray.st.element_sum() >= 1.0;
-        if outside || cosine <= 0.0 || surface.geometric.dot(ray.to_light) <= 0.0 {
-            return None;
+        match self {
+            Self::One(flat) => flat.sunlight(surface, place),
+            Self::Many(_) => None,
         }
-        let point = self.corner + ray.st.x * self.edge_u + ray.st.y * self.edge_v;
-        let reflectance = surface.brdf.reflectance(surface.normal, ray.to_light, surface.to_eye);
-        let radiance = reflectance * ray.irradiance * cosine as f32;
-        Some(Unshadowed { radiance, source: Source::Point(point) })
     }
 }
 
@@ -217,87 +106,13 @@ pub(crate) fn lobe_factor(lobe: &Lobe, travel: DVec3) -> f64 {
     cosine_power(travel.dot(lobe.peak), lobe.exponent)
 }
 
-/// A triangle of a mesh, or two that make a parallelogram.
-#[derive(Debug)]
-struct Piece {
-    shape: Shape,
-    corner: DVec3,
-    edge_u: DVec3,
-    edge_v: DVec3,
-    /// Texture coordinates of the corner, and along either edge.
-    uv: [Vec2; 3],
-}
-
-impl Piece {
-    fn area(&self) -> f64 {
-        let parallelogram = self.edge_u.cross(self.edge_v).length();
-        if self.shape == Shape::Triangle { 0.5 * parallelogram } else { parallelogram }
-    }
-}
-
-/// The mesh in as few pieces as follow from joining each triangle with the one
-/// after it, which is how exporters write quadrilaterals.
-fn pieces(mesh: &Mesh, map: Option<&Map>) -> Vec<Piece> {
-    let mut pieces = Vec::new();
-    let mut rest = mesh.triangles.as_slice();
-    while let [first, after @ ..] = rest {
-        let joined = after
-            .first()
-            .and_then(|second| (0..3).find_map(|k| parallelogram(mesh, map, *first, k, *second)));
-        rest = if joined.is_some() { &after[1..] } else { after };
-        pieces.push(joined.unwrap_or_else(|| piece(mesh, map, Shape::Triangle, *first, 0)));
-    }
-    pieces
-}
-
-/// The piece spanned by the edges of `triangle` at its corner `k`.
-fn piece(mesh: &Mesh, map: Option<&Map>, shape: Shape, triangle: [u32; 3], k: usize) -> Piece {
-    let [a, b, c] = [0, 1, 2].map(|i| triangle[(k + i) % 3] as usize);
-    let p = |i: usize| mesh.positions[i];
-    let uv = |i: usize| map.map_or(Vec2::ZERO, |map| mesh.uv(map, i));
-    Piece {
-        shape,
-        corner: p(a),
-        edge_u: p(b) - p(a),
-        edge_v: p(c) - p(a),
-        uv: [uv(a), uv(b) - uv(a), uv(c) - uv(a)],
-    }
-}
-
-/// Both triangles as one, if they share the edge opposite corner `k` of the
-/// first and positions and texture coordinates continue across it.
-fn parallelogram(
-    mesh: &Mesh,
-    map: Option<&Map>,
-    first: [u32; 3],
-    k: usize,
-    second: [u32; 3],
-) -> Option<Piece> {
-    // Far above the rounding of f32 files and far below a visible difference.
-    const TOLERANCE: f64 = 1e-5;
-    let whole = piece(mesh, map, Shape::Parallelogram, first, k);
-    let (b, c) = (whole.corner + whole.edge_u, whole.corner + whole.edge_v);
-    let near = TOLERANCE * b.distance(c);
-    let is_rest = |j: usize| {
-        let rest = piece(mesh, map, Shape::Triangle, second, j);
-        // The opposite corner looks back: its edges are the first's, reversed.
-        let texture = [rest.uv[1] + whole.uv[1], rest.uv[2] + whole.uv[2]];
-        let size = whole.uv[1].length().max(whole.uv[2].length());
-        rest.corner.distance(b + whole.edge_v) <= near
-            && (rest.edge_u + whole.edge_u).length() <= near
-            && (rest.edge_v + whole.edge_v).length() <= near
-            && texture.iter().all(|d| d.length() <= TOLERANCE as f32 * size)
-            && (rest.uv[0] - whole.uv.iter().sum::<Vec2>()).length() <= TOLERANCE as f32 * size
-    };
-    (0..3).any(is_rest).then_some(whole)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::accel::{Accel, Hit};
-    use crate::scene::Texture;
-    use glam::{DAffine3, Vec4};
+    use crate::scene::{Map, Material, Mesh, Texture};
+    use glam::{DAffine3, Vec2, Vec3, Vec4};
+    use std::f64::consts::PI;
 
     /// Unit squares that face each other at distance 1: the lower one, white,
     /// looks up; the upper one has radiance 1.
@@ -372,7 +187,8 @@ mod tests {
         let mean = (texels.iter().sum::<Vec4>() / texels.len() as f32).truncate();
         scene.textures.push(Texture::from_texels(60, 60, texels));
         scene.materials[1].emission_texture = Some(Map::of(0));
-        let emitter = &AreaEmitter::all(&scene, 4)[0];
+        let emitters = AreaEmitter::all(&scene, 4);
+        let [AreaEmitter::One(emitter)] = emitters.as_slice() else { panic!("{emitters:?}") };
         assert_eq!(emitter.cells.len(), 16);
         let of_cells = emitter.cells.iter().map(|cell| cell.radiance).sum::<Vec3>() / 16.0;
         assert!((of_cells - mean).length() < 0.01 * mean.length(), "{of_cells} of {mean}");

@@ -26,7 +26,7 @@ const MIN_WEIGHT: f32 = 1e-3;
 /// Step of a sequence that fills the unit square evenly: 1/g and 1/g² for
 /// g³ = g + 1 (M. Roberts, *The Unreasonable Effectiveness of Quasirandom
 /// Sequences*, 2018).
-const R2: DVec2 = DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3);
+pub(crate) const R2: DVec2 = DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3);
 
 /// Radiance that is looked up instead of gathered.
 pub(crate) trait PatchRadiance: Sync {

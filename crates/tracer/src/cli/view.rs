@@ -164,7 +164,9 @@ pub(crate) struct View {
     /// Cells along a side of each emitter that lights surfaces without a patch.
     ///
     /// A shadow ray each; those that give little to a pixel are shared out among its
-    /// samples, as are those to lights, but not with --noise.
+    /// samples, as are those to lights, but not with --noise. Of meshes that shine in more
+    /// than 256 triangles and parallelograms together, each sample looks for some cells
+    /// only, drawn so that they give the light of all in the mean.
     #[arg(long, value_name = "N", default_value_t = 4,
           value_parser = clap::value_parser!(u32).range(1..=256))]
     pub(crate) emitter_grid: u32,

@@ -21,6 +21,8 @@ pub(crate) struct Unshadowed {
 pub(crate) enum Source {
     /// A point of the world.
     Point(DVec3),
+    /// A point of the world that was drawn by chance and stands for others beside it.
+    Drawn(DVec3),
     /// From infinity: the unit vector towards it.
     Direction(DVec3),
 }
@@ -31,7 +33,7 @@ impl Source {
     pub(crate) fn seen_from(self, start: DVec3) -> (DVec3, f64) {
         match self {
             Self::Direction(to_light) => (to_light, f64::INFINITY),
-            Self::Point(point) => {
+            Self::Point(point) | Self::Drawn(point) => {
                 let path = point - start;
                 let length = path.length();
                 // Nothing is between two points that are one.

