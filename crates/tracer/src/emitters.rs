@@ -28,7 +28,7 @@ use wrt_core::cosine_power;
 
 /// Most pieces of which every cell is asked for, as many as an authored room of lamps and
 /// windows has. A picture with no more is free of the noise of drawing.
-const MANY: usize = 256;
+pub(crate) const MANY: usize = 256;
 
 /// What shines: one piece of a mesh, or all of very many.
 #[derive(Debug)]

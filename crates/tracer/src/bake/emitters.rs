@@ -10,6 +10,12 @@ use glam::{DMat3, DVec2, DVec3, Vec2, Vec3};
 use rayon::prelude::*;
 use wrt_core::{Emission, Lobe, Polygon};
 
+/// The most emitters that are baked.
+const MOST: usize = 4096;
+
+/// Texels of all emitters' pictures together.
+const TEXELS: usize = 1 << 22;
+
 pub(super) struct Emitter {
     pub(super) polygon: Polygon,
     pub(super) emission: Emission,
@@ -29,8 +35,12 @@ pub(crate) fn emissions(
 ) -> anyhow::Result<Vec<(Polygon, Emission)>> {
     /// 48 MiB a picture.
     const MOST: u32 = 11;
+    /// Texels of all together.
+    const ALL: usize = 1 << 24;
     /// What a clipped outline is drawn with where there is no texture.
     const OUTLINE: u32 = 8;
+    let found = surfaces::emitters(scene);
+    let each = level_of_each(ALL, found.len());
     let emitter = |planar: &PlanarPolygon| {
         let polygon = polygon(planar)?;
         let texture =
@@ -38,10 +48,10 @@ pub(crate) fn emissions(
         let texels = texture.map(Texture::size).map_or(1, |(width, height)| width.max(height));
         let outline = if polygon.fills_chart() { 0 } else { OUTLINE };
         let finest = texels.next_power_of_two().ilog2().max(outline).min(MOST) as u8;
-        let emission = emission(scene, planar, &polygon, level.unwrap_or(finest));
+        let emission = emission(scene, planar, &polygon, level.unwrap_or(finest).min(each));
         Ok((polygon, emission))
     };
-    surfaces::emitters(scene).iter().map(emitter).collect()
+    found.iter().map(emitter).collect()
 }
 
 pub(super) fn emitters(scene: &Scene, options: &BakeOptions) -> anyhow::Result<Vec<Emitter>> {
@@ -51,14 +61,25 @@ pub(super) fn emitters(scene: &Scene, options: &BakeOptions) -> anyhow::Result<V
             "nothing emits light: give a planar surface an emissive material (emissiveFactor, or Ke in an MTL file)"
         );
     }
+    if found.len() > MOST {
+        bail!(
+            "{} surfaces emit light, and a bake takes {MOST}: give planar surfaces alone an emissive material, or render without a bake, which samples the light of all",
+            found.len()
+        );
+    }
+    let level = options.emission_level.min(level_of_each(TEXELS, found.len()));
     let emitter = |planar: &PlanarPolygon| {
         let polygon = polygon(planar)?;
-        let level = options.emission_level;
         let [emission, fine] =
             [level, level + 1].map(|level| emission(scene, planar, &polygon, level));
         Ok(Emitter { polygon, emission, fine })
     };
     found.iter().map(emitter).collect()
+}
+
+/// The finest level of so many pictures that have so many texels together.
+fn level_of_each(texels: usize, pictures: usize) -> u8 {
+    ((texels / pictures.max(1)).max(1).ilog2() / 2) as u8
 }
 
 fn polygon(planar: &PlanarPolygon) -> anyhow::Result<Polygon> {

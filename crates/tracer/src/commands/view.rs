@@ -3,6 +3,7 @@
 use crate::accel::Accel;
 use crate::bake::{Flight, fingerprint};
 use crate::cli;
+use crate::emitters::MANY;
 use crate::film::{Display, Film, Format, Layers, Metadata, Tone};
 use crate::reference::{Estimate, Lighting, ReferenceOptions, Target, render_reference};
 use crate::render::{Crop, RenderOptions, RenderStats, layers, render};
@@ -96,6 +97,13 @@ impl<'a> Stage<'a> {
                 || surfaces::receivers(&scene).is_empty() =>
             {
                 eprintln!("tracer: nothing to bake: no surface emits, or none receives");
+                None
+            }
+            None if surfaces::emitters(&scene).len() > MANY => {
+                eprintln!(
+                    "tracer: no --wct given, and {} surfaces emit: too many to bake in memory, so their light is sampled",
+                    surfaces::emitters(&scene).len()
+                );
                 None
             }
             None => {

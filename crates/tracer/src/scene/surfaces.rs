@@ -96,16 +96,36 @@ fn polygons_where(scene: &Scene, wanted: impl Fn(&Mesh) -> bool) -> Vec<PlanarPo
             let map = scene.materials[mesh.material].emission_texture;
             let map = map.filter(|map| !mesh.uvs[map.set].is_empty());
             let uv = |&corner: &u32| Some(mesh.uv(map.as_ref()?, corner as usize));
+            let mut vertices: Vec<DVec3> = outline.corners.iter().map(at).collect();
+            flatten(&mut vertices);
             PlanarPolygon {
                 mesh: i,
                 name: if several { format!("{}.{k}", mesh.name) } else { mesh.name.clone() },
-                vertices: outline.corners.iter().map(at).collect(),
+                vertices,
                 uvs: outline.corners.iter().filter_map(uv).collect(),
                 triangles: outline.triangles,
             }
         }));
     }
     polygons
+}
+
+/// Puts the corners into their mean plane. Those of a small part of a large mesh can be
+/// farther off it, in its own size, than a polygon's may be.
+fn flatten(vertices: &mut [DVec3]) {
+    /// Of the polygon's size: corners that are nearer stay as the file has them.
+    const FLAT: f64 = 3e-7;
+    let origin = vertices[0];
+    let pairs = vertices.windows(2);
+    let normal: DVec3 = pairs.map(|p| (p[0] - origin).cross(p[1] - origin)).sum();
+    let normal = normal.normalize_or_zero();
+    let height = vertices.iter().map(|v| (*v - origin).dot(normal)).sum::<f64>();
+    let height = height / vertices.len() as f64;
+    let size = vertices.iter().map(|v| v.distance(origin)).fold(0.0, f64::max);
+    let off = |v: &DVec3| (*v - origin).dot(normal) - height;
+    if vertices.iter().any(|v| off(v).abs() > FLAT * size) {
+        vertices.iter_mut().for_each(|v| *v -= off(v) * normal);
+    }
 }
 
 #[cfg(test)]
@@ -131,6 +151,19 @@ mod tests {
         let emission_texture = Some(Map::of(0));
         let shining = Material { emission: Vec3::ONE, emission_texture, ..Material::default() };
         Scene { meshes, materials: vec![Material::default(), shining], ..Scene::default() }
+    }
+
+    /// A facet of a millimetre in a mesh of a hundred metres, which is flat within that
+    /// mesh's rounding.
+    #[test]
+    fn small_facets_of_large_meshes_are_flat() {
+        let mut mesh = rectangle("facet", DVec3::ZERO, DVec3::X * 0.001, DVec3::Z * 0.001, 0);
+        mesh.positions[2].y = 5e-6;
+        mesh.positions.extend([DVec3::splat(100.0), DVec3::new(100.0, 101.0, 100.0), DVec3::ONE]);
+        mesh.triangles.push([4, 5, 6]);
+        let polygons = planar_polygons(&scene(vec![mesh]));
+        let facet = polygons.iter().find(|p| p.vertices.len() == 4).expect("still one facet");
+        wrt_core::Polygon::rectilinear(&facet.vertices).expect("and flat");
     }
 
     /// A 4 × 3 m floor at y = 0 that looks up, and a lamp over it that looks down.
