@@ -1,5 +1,6 @@
 //! A scene's light, baked: emission → transport → reflection → compression.
 
+mod blocked;
 mod check;
 mod emitters;
 mod flight;
@@ -9,6 +10,7 @@ mod smooth;
 mod weather_tests;
 
 use crate::scene::{Scene, surfaces};
+pub(crate) use blocked::{Blocked, blocked};
 use check::{Checked, check};
 pub(crate) use emitters::emissions;
 use emitters::{Emitter, emitters};

@@ -1,7 +1,10 @@
 //! `tracer bake`: a scene to a `.wct` file.
 
 use super::stdout::say;
-use crate::bake::{BakeOptions, Baked, Flight, Smooth, Stage, Transport, bake, fingerprint};
+use crate::accel::Accel;
+use crate::bake::{
+    BakeOptions, Baked, Blocked, Flight, Smooth, Stage, Transport, bake, blocked, fingerprint,
+};
 use crate::cli;
 use crate::scene::Scene;
 use crate::threads::in_pool;
@@ -34,7 +37,8 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
         let flight = Flight::new(&scene, name, args.need.margin);
         options.flight = Some(flight.with_context(|| format!("{}", args.scene.display()))?);
     }
-    let baked = baked(&scene, &options, args.threads)
+    let accel = Accel::new(&scene);
+    let (baked, blocked) = baked(&scene, &accel, &options, args.threads)
         .with_context(|| format!("baking {}", args.scene.display()))?;
     let mut recorded = BTreeMap::new();
     if let Some(smooth) = options.smooth {
@@ -75,7 +79,7 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     };
     file.write(&args.output).with_context(|| format!("writing {}", args.output.display()))?;
     let bytes = std::fs::metadata(&args.output).map_or(0, |m| m.len());
-    say(table(&baked, bytes, options.flight.as_ref()).trim_end())?;
+    say(table(&baked, &blocked, bytes, options.flight.as_ref()).trim_end())?;
     Ok(())
 }
 
@@ -133,8 +137,16 @@ const TRANSPORT: f64 = 1e-2;
 /// The error that thresholding adds to Haar's where none is asked for.
 const THRESHOLD: f64 = 2e-3;
 
+/// Of all light that falls on the receivers, what may go through objects without a word.
+const GHOSTLY: f64 = 0.1;
+
 /// Bakes with a progress bar; prints the warnings.
-pub(crate) fn baked(scene: &Scene, options: &BakeOptions, threads: usize) -> anyhow::Result<Baked> {
+pub(crate) fn baked(
+    scene: &Scene,
+    accel: &Accel,
+    options: &BakeOptions,
+    threads: usize,
+) -> anyhow::Result<(Baked, Blocked)> {
     let bar = super::bar(0, "baking", "patches");
     let progress = |done: usize, of: usize| {
         bar.set_length(of as u64);
@@ -146,11 +158,18 @@ pub(crate) fn baked(scene: &Scene, options: &BakeOptions, threads: usize) -> any
     for warning in &baked.warnings {
         eprintln!("tracer: warning: {warning}");
     }
-    Ok(baked)
+    let blocked = in_pool(threads, || blocked(scene, accel))??;
+    if blocked.share > GHOSTLY {
+        let percent = 100.0 * blocked.share;
+        eprintln!(
+            "tracer: warning: objects stand in the way of {percent:.0} % of the baked light, which goes through them: a bake has no shadows"
+        );
+    }
+    Ok((baked, blocked))
 }
 
 /// The summary: coefficients, compression, error, time per stage.
-fn table(baked: &Baked, bytes: u64, flight: Option<&Flight>) -> String {
+fn table(baked: &Baked, blocked: &Blocked, bytes: u64, flight: Option<&Flight>) -> String {
     use std::fmt::Write as _;
     let mut out = String::new();
     let mut row = |what: &str, value: String| {
@@ -183,6 +202,16 @@ fn table(baked: &Baked, bytes: u64, flight: Option<&Flight>) -> String {
         format!("{:.2} % relative RMS against direct quadrature, sampled", 100.0 * e)
     });
     row("error when looked up", error);
+    let Blocked { share, worst: (most, name) } = blocked;
+    let through = match *most {
+        0.0 => "none".to_owned(),
+        most => format!(
+            "{:.1} % of all, {:.0} % on {name}: bakes have no shadows",
+            100.0 * share,
+            100.0 * most
+        ),
+    };
+    row("light through objects", through);
     for stage in Stage::ALL {
         let seconds = baked.times[stage as usize].as_secs_f64();
         row(&format!("time, {}", stage.name()), format!("{seconds:.3} s"));

@@ -82,6 +82,7 @@ impl<'a> Stage<'a> {
             );
         }
         check(&scene).with_context(|| format!("{}", path.display()))?;
+        let accel = Accel::new(&scene);
         let mut flight = None;
         let texture = match &view.wct {
             Some(path) => WctFile::read(path)
@@ -109,14 +110,14 @@ impl<'a> Stage<'a> {
             None => {
                 eprintln!("tracer: no --wct given: baking in memory first");
                 let options = super::bake::options(&cli::Accuracy::default(), false)?;
-                let baked = super::bake::baked(&scene, &options, view.threads)
+                let (baked, _) = super::bake::baked(&scene, &accel, &options, view.threads)
                     .with_context(|| format!("baking {}", path.display()))?;
                 Some(WctTexture::bind(&baked.patches, &baked.smooth, &scene)?)
             }
         };
         let (path, stop) = (path.to_owned(), super::interrupt::listen());
         let flight = Mutex::new(flight);
-        Ok(Self { accel: Accel::new(&scene), scene, texture, view, path, stop, flight })
+        Ok(Self { accel, scene, texture, view, path, stop, flight })
     }
 
     /// Loads the scene to be rendered without wavelets.
