@@ -25,13 +25,39 @@ fn a_flight_goes_on_where_it_was_left() {
     let middle = bytes(frames[1]);
     assert!(bytes(frames[0]) != middle, "the camera does not move");
     fs::remove_file(folder.path(frames[1])).expect("it is there");
-    // Not to be touched: another picture of that size.
-    let last = bytes(frames[2]);
-    fs::write(folder.path(frames[0]), &last).expect("a writable file");
+    // Not to be touched: another program's picture of that size.
+    let other = image::RgbImage::from_pixel(16, 9, image::Rgb([7, 8, 9]));
+    other.save(folder.path(frames[0])).expect("a writable file");
+    let other = bytes(frames[0]);
     let rest = fly(&folder, &[]);
     assert_eq!((&rest["rendered"], &rest["skipped"]), (&1.into(), &2.into()), "{rest}");
     assert!(bytes(frames[1]) == middle, "another picture than before");
-    assert!(bytes(frames[0]) == last, "rendered anew");
+    assert!(bytes(frames[0]) == other, "rendered anew");
+}
+
+/// What was made with other options is neither taken for finished nor lost.
+#[test]
+fn pictures_of_other_settings_are_refused_by_name() {
+    let folder = Folder::new();
+    fly(&folder, &["--start", "1", "--end", "1"]);
+    let bytes = || fs::read(folder.path("frame.01.png")).expect("a picture");
+    let before = bytes();
+    let refused = |more: &[&str], expected: &str| {
+        let chapel = scene("chapel/chapel.gltf");
+        let output = folder.path("frame.##.png");
+        let args = ["fly", &chapel, "--wct", chapel_wct(), "-o", &output];
+        let quick = ["--size", "16x9", "--emitter-grid", "1"];
+        let complaint = fail(1, &[&args[..], &quick, more].concat());
+        let said =
+            complaint.contains("frame.01.png: it is there already, made with other settings");
+        assert!(said, "{complaint}");
+        assert!(complaint.contains(expected), "{complaint}");
+    };
+    refused(&["--fps", "0.2", "--samples", "1", "--exposure", "1"], "exposure 0.0, not 1.0");
+    refused(&["--fps", "0.4", "--samples", "1"], "seconds 5.0, not 2.5");
+    refused(&["--fps", "0.2", "--samples", "3"], "samples 1, not 3");
+    assert!(bytes() == before, "not as it was");
+    assert_eq!(folder.names(), ["frame.01.png"]);
 }
 
 #[test]

@@ -173,6 +173,16 @@ fn options_of_both_bases_together_are_refused() {
 }
 
 #[test]
+fn polynomials_are_not_compressed_anew() {
+    let folder = Folder::new();
+    let baked = bake(&folder, "facing/facing.gltf", "0.1");
+    let other = folder.path("other.wct");
+    let complaint = fail(1, &["convert", &baked, "--error", "0.1", "-o", &other]);
+    assert!(complaint.contains("bake again"), "{complaint}");
+    assert!(!std::path::Path::new(&other).exists(), "written all the same");
+}
+
+#[test]
 fn smooth_bytes_depend_on_the_scene_alone() {
     let folder = Folder::new();
     let quad = scene("quad/quad.gltf");

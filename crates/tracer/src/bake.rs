@@ -339,6 +339,13 @@ pub(crate) fn fingerprint(scene: &Scene) -> String {
     format!("fnv1a64:{:016x}", hash.0)
 }
 
+/// A hash of a file's content.
+pub(crate) fn hash_of(bytes: &[u8]) -> String {
+    let mut hash = Hash::default();
+    hash.add(bytes.iter().copied());
+    format!("fnv1a64:{:016x}", hash.0)
+}
+
 /// FNV-1a, 64 bits (G. Fowler, L. Noll, P. Vo): says "the same input", no more.
 struct Hash(u64);
 

@@ -26,6 +26,11 @@ use hierarchy::Hierarchy;
 use pieces::{Piece, pieces};
 use wrt_core::cosine_power;
 
+/// Step of a sequence that fills the unit square evenly: 1/g and 1/g² for
+/// g³ = g + 1 (M. Roberts, *The Unreasonable Effectiveness of Quasirandom
+/// Sequences*, 2018).
+pub(crate) const R2: DVec2 = DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3);
+
 /// Most pieces of which every cell is asked for, as many as an authored room of lamps and
 /// windows has. A picture with no more is free of the noise of drawing.
 pub(crate) const MANY: usize = 256;

@@ -4,11 +4,10 @@
 mod layers;
 mod read;
 
-pub(crate) use layers::{Layers, Metadata};
+pub(crate) use layers::{Layers, Metadata, Window};
 
 use anyhow::{Context as _, bail};
 use glam::{Mat3, Vec3};
-use image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 use std::path::{Path, PathBuf};
 use wrt_core::wct_file::write_aside;
 
@@ -83,7 +82,7 @@ impl Film {
         self.save_with(path, display, None, None)
     }
 
-    /// [`save`](Self::save), an OpenEXR file with layers and how it was made.
+    /// [`save`](Self::save) with how it was made, and an OpenEXR file with layers.
     ///
     /// # Errors
     ///
@@ -96,7 +95,7 @@ impl Film {
         metadata: Option<&Metadata>,
     ) -> anyhow::Result<()> {
         let bytes = match Format::of(path)? {
-            Format::Png => self.png(display),
+            Format::Png => self.png(display, metadata),
             Format::Exr => self.exr(layers, metadata),
         };
         bytes
@@ -110,12 +109,22 @@ impl Film {
         self.pixels.iter().map(shown).collect()
     }
 
-    fn png(&self, display: Display) -> anyhow::Result<Vec<u8>> {
+    fn png(&self, display: Display, metadata: Option<&Metadata>) -> anyhow::Result<Vec<u8>> {
         let bytes: Vec<u8> =
             self.pixels.iter().flat_map(|&pixel| srgb8(display.apply(pixel))).collect();
         let (width, height) = (u32::try_from(self.width)?, u32::try_from(self.height)?);
         let mut file = Vec::new();
-        PngEncoder::new(&mut file).write_image(&bytes, width, height, ExtendedColorType::Rgb8)?;
+        let mut encoder = png::Encoder::new(&mut file, width, height);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Fast);
+        encoder.set_filter(png::Filter::Adaptive);
+        if let Some(metadata) = metadata {
+            encoder.add_itxt_chunk("Comment".to_owned(), metadata.comment())?;
+        }
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&bytes)?;
+        writer.finish()?;
         Ok(file)
     }
 }

@@ -27,6 +27,8 @@ struct Bound {
     frame: Frame,
     size: DVec2,
     sampler: LookUp,
+    /// As measured when it was baked or, if it was not, what is left out; relative.
+    error: f64,
 }
 
 impl WctTexture {
@@ -49,12 +51,15 @@ impl WctTexture {
         let haar: Vec<&Patch> =
             patches.iter().filter(|patch| patch.side == Side::Outgoing).collect();
         let samplers: Vec<MipSampler> = haar.par_iter().map(|p| MipSampler::new(&p.tree)).collect();
-        let haar = haar.into_iter().zip(samplers);
-        let haar = haar.map(|(p, sampler)| (&p.name, &p.polygon, LookUp::haar(sampler)));
-        let smooth = smooth
-            .iter()
-            .map(|p| (&p.name, &p.polygon, LookUp::smooth(LegendreSampler::new(&p.tree))));
-        for (name, geometry, sampler) in haar.chain(smooth) {
+        let haar = haar.into_iter().zip(samplers).map(|(p, sampler)| {
+            let error = p.error_estimate.unwrap_or(p.relative_error);
+            (&p.name, &p.polygon, LookUp::haar(sampler), error)
+        });
+        let smooth = smooth.iter().map(|p| {
+            let error = p.error_estimate.unwrap_or(p.relative_error);
+            (&p.name, &p.polygon, LookUp::smooth(LegendreSampler::new(&p.tree)), error)
+        });
+        for (name, geometry, sampler, error) in haar.chain(smooth) {
             let Some(planar) = polygons.iter().find(|planar| planar.name == *name) else {
                 bail!(
                     "the scene has no planar surface named \"{name}\", which the .wct file has a patch for: was it baked from another scene?"
@@ -77,7 +82,7 @@ impl WctTexture {
                 texture.triangles[planar.mesh][triangle as usize] =
                     Some(texture.patches.len() as u32);
             }
-            texture.patches.push(Bound { frame: *polygon.frame(), size, sampler });
+            texture.patches.push(Bound { frame: *polygon.frame(), size, sampler, error });
         }
         if texture.patches.is_empty() {
             bail!("the .wct file holds no outgoing radiance");
@@ -118,6 +123,10 @@ impl Bound {
 }
 
 impl PatchRadiance for WctTexture {
+    fn error(&self, mesh: usize, triangle: u32) -> Option<f64> {
+        Some(self.patches[self.triangles[mesh][triangle as usize]? as usize].error)
+    }
+
     fn place(&self, mesh: usize, triangle: u32, position: DVec3) -> Option<DVec2> {
         Some(self.patches[self.triangles[mesh][triangle as usize]? as usize].uv(position))
     }

@@ -11,7 +11,7 @@ mod turns;
 use crate::{
     accel::{Accel, Found, Hit},
     camera::Beam,
-    emitters::{AreaEmitter, lobe_factor},
+    emitters::{AreaEmitter, R2, lobe_factor},
     phong::{Surface, Unshadowed},
     scene::{Lobe, Scene},
 };
@@ -22,11 +22,6 @@ use turns::Turn;
 /// Rays that can change a pixel by less than this, relative to the radiance
 /// they would find, are not followed.
 const MIN_WEIGHT: f32 = 1e-3;
-
-/// Step of a sequence that fills the unit square evenly: 1/g and 1/g² for
-/// g³ = g + 1 (M. Roberts, *The Unreasonable Effectiveness of Quasirandom
-/// Sequences*, 2018).
-pub(crate) const R2: DVec2 = DVec2::new(0.754_877_666_246_692_8, 0.569_840_290_998_053_3);
 
 /// Radiance that is looked up instead of gathered.
 pub(crate) trait PatchRadiance: Sync {
@@ -54,6 +49,11 @@ pub(crate) trait PatchRadiance: Sync {
         sample: &Sample,
     ) -> Option<Vec3> {
         self.outgoing(mesh, triangle, position, to_eye, sample)
+    }
+
+    /// Relative RMS error of the radiance of a triangle's patch, if it has one.
+    fn error(&self, _mesh: usize, _triangle: u32) -> Option<f64> {
+        None
     }
 
     /// Where on the patch of a triangle `position` is, in [0, 1]².
@@ -85,6 +85,8 @@ pub(crate) struct First {
     pub(crate) object: u32,
     /// Where on a wavelet patch.
     pub(crate) wct_uv: Option<Vec2>,
+    /// [`PatchRadiance::error`] of that.
+    pub(crate) wct_error: Option<f32>,
 }
 
 /// What all rays of a picture share.
@@ -208,6 +210,9 @@ impl Whitted<'_> {
             depth: (hit.t * beam.direction.dot(ahead)) as f32,
             object: hit.mesh as u32 + 1,
             wct_uv: uv.map(|uv| uv.as_vec2()),
+            wct_error: patches
+                .and_then(|p| p.error(hit.mesh, hit.triangle))
+                .map(|error| error as f32),
         })
     }
 

@@ -14,12 +14,13 @@ unlit materials.
 
 Not modelled: shadows of objects on surfaces with a patch; light from surface to \
 surface but by mirrors and glass; refraction of shadow rays; clearcoat, sheen, \
-volumes, skins, morph targets; motion of anything but cameras. What a file has of \
-these is named in a warning.
+volumes, skins, morph targets; here, in a still, the animations that `fly` shows. What a \
+file has of these is named in a warning.
 
 A .exr holds radiance in R, G, B and, of each pixel's centre, albedo.R/G/B, normals \
 N.X/Y/Z, positions P.X/Y/Z, depth along the camera's axis Z, mesh numbers id and \
-places on patches wct-uv.U/V.";
+places on patches wct-uv.U/V and the relative error wct-error of their radiance. Of a \
+crop it is the data window, in the whole picture's display window.";
 
 /// How pictures become a film, for `--help`.
 const FILM: &str = "\
@@ -72,6 +73,9 @@ pub(crate) struct Reference {
 
     /// Sample until the relative RMS error of the pixels that show a receiver is
     /// estimated to be below E, such as 0.01, instead of so many points.
+    ///
+    /// It is that of the light on the receivers as the camera rays meet them: what more
+    /// rays (--samples) would show at edges and in textures is not in it.
     #[arg(long, value_name = "E", requires = "reference", conflicts_with = "spp",
           value_parser = error)]
     pub(crate) error: Option<f64>,
@@ -234,9 +238,10 @@ fn error(text: &str) -> Result<f64, String> {
 fn size(text: &str) -> Result<(usize, usize), String> {
     let side = |s: &str| s.parse().ok().filter(|n| (1..=65_536).contains(n));
     let parts = text.split_once('x').and_then(|(w, h)| Some((side(w)?, side(h)?)));
-    parts
-        .filter(|(w, h)| w * h <= 1 << 28)
-        .ok_or_else(|| "must be WIDTHxHEIGHT in pixels, such as 960x720".to_owned())
+    parts.filter(|(w, h)| w * h <= 1 << 28).ok_or_else(|| {
+        "must be WIDTHxHEIGHT in pixels, such as 960x720, each up to 65536 and 2^28 in all"
+            .to_owned()
+    })
 }
 
 #[cfg(test)]

@@ -49,7 +49,13 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     } else {
         let Levels { position, direction } = options.levels;
         recorded.insert("levels".to_owned(), format!("{position},{direction}"));
-        recorded.insert("keep".to_owned(), format!("{:?}", options.keep));
+        recorded.insert(
+            "keep".to_owned(),
+            match options.keep {
+                Keep::RelativeError(error) => format!("relative error {error}"),
+                Keep::Count(count) => format!("{count} coefficients"),
+            },
+        );
         let is_quantised = options.quantise && matches!(options.keep, Keep::RelativeError(_));
         let storage = if is_quantised { "quantised" } else { "raw" };
         recorded.insert("storage".to_owned(), storage.to_owned());
@@ -182,7 +188,7 @@ fn table(baked: &Baked, blocked: &Blocked, bytes: u64, flight: Option<&Flight>) 
         row("  not zero", format!("{} ({:.1} %)", baked.before, share(baked.before)));
         row("  kept", format!("{} ({:.2} %)", baked.after, share(baked.after)));
         row("compression", format!("{:.2} % removed", 100.0 - share(baked.after)));
-        row("file", format!("{:.2} MB", bytes as f64 / 1e6));
+        row("file", super::bytes(bytes));
         let error = baked.transport_error.map_or("not estimated".to_owned(), |e| {
             format!("{:.3} % relative L2 of the incident radiance, estimated", 100.0 * e)
         });
@@ -195,7 +201,7 @@ fn table(baked: &Baked, blocked: &Blocked, bytes: u64, flight: Option<&Flight>) 
             row("baked for", format!("animation {name} and {margin:.3} m around, {seen} seen"));
         }
         row("coefficients", format!("{} × RGB", baked.after));
-        row("file", format!("{:.2} MB", bytes as f64 / 1e6));
+        row("file", super::bytes(bytes));
         row("error of what is left out", format!("{:.3} % relative L2", 100.0 * baked.dropped));
     }
     let error = baked.error.map_or("not checked".to_owned(), |e| {

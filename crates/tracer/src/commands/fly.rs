@@ -7,7 +7,7 @@ use crate::cli;
 use crate::film::Format;
 use crate::scene::{Animation, Scene, flight};
 use anyhow::{Context as _, bail, ensure};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::path::PathBuf;
 
 /// Renders the pictures that do not exist yet.
@@ -16,7 +16,14 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
     let format = Format::of(&pattern.path(0))?;
     if let Some(video) = &args.video {
         ensure!(format == Format::Png, "--video needs pictures that are .png");
-        ensure!(Format::of(video)? == Format::Png, "{}: name it .png", video.display());
+        let extension = video.extension().unwrap_or_default().to_ascii_lowercase();
+        ensure!(
+            extension == "png" || extension == "apng",
+            "{}: an animated PNG is named .png or .apng; for another kind see `tracer fly --help`",
+            video.display()
+        );
+        // Before the work: is its folder there?
+        Format::of(&video.with_extension("png"))?;
     }
     let mut stage = Stage::open(&args.scene, &args.view, |scene| {
         let animation = animation(scene, args)?;
@@ -57,7 +64,39 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
             found.1
         );
     }
+    let camera = &stage.scene.cameras[animation.camera];
+    let mut is_silent = false;
+    for (path, time) in wanted.iter().filter(|(path, _)| path.exists()) {
+        let moment = (animation.name.clone(), *time);
+        let own = stage.settings(camera, format, Some(&moment));
+        let wanted = own.to_string();
+        match format.settings_of(path).with_context(|| format!("{}", path.display()))? {
+            None => is_silent = true,
+            Some(found) => ensure!(
+                found == wanted,
+                "{}: it is there already, made with other settings{}: remove it, or name the pictures otherwise",
+                path.display(),
+                difference(&found, &own)
+            ),
+        }
+    }
+    if is_silent {
+        eprintln!(
+            "tracer: warning: some pictures that are there do not say how they were made, and are left as they are"
+        );
+    }
     let there = wanted.len() - missing.len();
+    let told = |meter: &Meter, rendered: usize, is_whole: bool| {
+        let mut fields = meter.fields();
+        fields["output"] = json!(args.output);
+        fields["animation"] = json!(animation.name);
+        fields["size"] = json!(size);
+        fields["rendered"] = json!(rendered);
+        fields["skipped"] = json!(there);
+        fields["seconds_a_picture"] = json!(meter.seconds() / rendered.max(1) as f64);
+        fields["interrupted"] = json!(!is_whole);
+        say(fields)
+    };
     let bar = super::bar((missing.len() * rows) as u64, "flying", "rows");
     let meter = Meter::start();
     let mut rendered = 0;
@@ -71,6 +110,9 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
         if !picture.is_whole() {
             let partial = picture.save_partial(path, stage.display())?;
             bar.finish_and_clear();
+            if args.view.json {
+                told(&meter, rendered, false)?;
+            }
             bail!(
                 "stopped with {rendered} pictures rendered and {} left, of which {} is begun; run the command again to go on",
                 missing.len() - rendered,
@@ -87,6 +129,9 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
     }
     bar.finish_and_clear();
     if rendered < missing.len() {
+        if args.view.json {
+            told(&meter, rendered, false)?;
+        }
         bail!(
             "stopped with {rendered} pictures rendered and {} left; run the command again to go on",
             missing.len() - rendered
@@ -96,18 +141,10 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
         let frames: Vec<PathBuf> = wanted.iter().map(|(path, _)| path.clone()).collect();
         video::write(path, &frames, args.fps)?;
     }
-    let each = meter.seconds() / rendered.max(1) as f64;
     if args.view.json {
-        let mut fields = meter.fields();
-        fields["output"] = json!(args.output);
-        fields["animation"] = json!(animation.name);
-        fields["size"] = json!(size);
-        fields["rendered"] = json!(rendered);
-        fields["skipped"] = json!(there);
-        fields["seconds_a_picture"] = json!(each);
-        say(fields)?;
-        return Ok(());
+        return told(&meter, rendered, true);
     }
+    let each = meter.seconds() / rendered.max(1) as f64;
     say(format_args!(
         "{}: {rendered} pictures rendered, {there} were there, {:.2} million rays in {:.2} s, {each:.2} s a picture",
         args.output,
@@ -115,6 +152,17 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
         meter.seconds(),
     ))?;
     Ok(())
+}
+
+/// What of the settings of a picture is not as wanted, in brackets.
+fn difference(found: &str, wanted: &Value) -> String {
+    let Ok(Value::Object(found)) = serde_json::from_str(found) else { return String::new() };
+    let differs = |(key, wanted): (&String, &Value)| {
+        let found = found.get(key).unwrap_or(&Value::Null);
+        (found != wanted).then(|| format!("{key} {found}, not {wanted}"))
+    };
+    let all: Vec<String> = wanted.as_object().into_iter().flatten().filter_map(differs).collect();
+    if all.is_empty() { String::new() } else { format!(" ({})", all.join("; ")) }
 }
 
 /// The animation of the wanted name that the wanted camera sees.

@@ -65,6 +65,15 @@ fn bar(length: u64, what: &'static str, unit: &str) -> ProgressBar {
     bar
 }
 
+/// A size for people to read: 1.2 kB, 0.87 MB.
+fn bytes(count: u64) -> String {
+    match count {
+        0..1000 => format!("{count} bytes"),
+        1000..100_000 => format!("{:.1} kB", count as f64 / 1e3),
+        _ => format!("{:.2} MB", count as f64 / 1e6),
+    }
+}
+
 /// Writes `text` whole or not at all.
 fn save(path: &Path, text: &str) -> anyhow::Result<()> {
     write_aside(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))

@@ -1,7 +1,7 @@
 //! `tracer render`: a scene and a `.wct` file to a picture.
 
 use super::stdout::say;
-use super::view::{Meter, Stage, crop, named, partial};
+use super::view::{Meter, Stage, crop, named};
 use crate::cli;
 use crate::film::Format;
 use crate::reference::Target;
@@ -12,7 +12,7 @@ use serde_json::json;
 pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
     let format = Format::of(&args.output)?;
     if args.reference.reference {
-        return run_reference(args);
+        return run_reference(args, format);
     }
     let stage = Stage::open(&args.scene, &args.view, |scene| {
         let camera = named(&scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")?;
@@ -57,7 +57,7 @@ pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
 }
 
 /// Renders by sampling emitters, and prints the estimated error as well.
-fn run_reference(args: &cli::Render) -> anyhow::Result<()> {
+fn run_reference(args: &cli::Render, format: Format) -> anyhow::Result<()> {
     ensure!(args.view.noise.is_none(), "--noise is not for --reference: use --error");
     let stage = Stage::without_radiance(&args.scene, &args.view)?;
     let camera = named(&stage.scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")
@@ -66,19 +66,19 @@ fn run_reference(args: &cli::Render) -> anyhow::Result<()> {
     let (width, height) = stage.size(camera);
     let target = args.reference.error.map_or(Target::Samples(args.reference.spp), Target::Error);
     let bar = super::bar(0, "sampling", "rows");
-    let (film, stats, estimate) = stage
-        .render_reference(camera, target, &|rays| {
+    let (picture, estimate) = stage
+        .render_reference(camera, target, format, &|rays| {
             meter.count(rays, &bar);
             bar.inc(1);
         })
         .with_context(|| format!("{}", args.scene.display()))?;
     bar.finish_and_clear();
-    if stats.rows_left > 0 {
-        let partial = partial(&args.output);
-        film.save(&partial, stage.display())?;
+    let stats = &picture.stats;
+    if !picture.is_whole() {
+        let partial = picture.save_partial(&args.output, stage.display())?;
         bail!("{}: stopped before its end: too dark in places", partial.display());
     }
-    film.save(&args.output, stage.display())?;
+    picture.save(&args.output, stage.display())?;
     say(format_args!(
         "{}: {width}x{height}, camera {}, {} points a pixel, {:.2} million rays in {:.2} s, error {:.3} % relative RMS, estimated",
         args.output.display(),

@@ -1,10 +1,10 @@
 //! What `render` and `fly` share: a scene with its radiance, ready for cameras.
 
 use crate::accel::Accel;
-use crate::bake::{Flight, fingerprint};
+use crate::bake::{Flight, fingerprint, hash_of};
 use crate::cli;
 use crate::emitters::MANY;
-use crate::film::{Display, Film, Format, Layers, Metadata, Tone};
+use crate::film::{Display, Film, Format, Layers, Metadata, Tone, Window};
 use crate::reference::{Estimate, Lighting, ReferenceOptions, Target, render_reference};
 use crate::render::{Crop, RenderOptions, RenderStats, layers, render};
 use crate::scene::{Animation, Camera, Moved, Projection, Scene, flight, surfaces};
@@ -30,6 +30,10 @@ pub(super) struct Stage<'a> {
     view: &'a cli::View,
     path: PathBuf,
     stop: &'static AtomicBool,
+    /// Of the scene's file and of the `.wct`'s.
+    contents: [Option<String>; 2],
+    /// The animation, and the second of it that is shown.
+    moment: Option<(String, f64)>,
     /// What the radiance was baked for, if not for all views; taken when a camera that
     /// sees more has been told of.
     flight: Mutex<Option<Flight>>,
@@ -115,17 +119,19 @@ impl<'a> Stage<'a> {
                 Some(WctTexture::bind(&baked.patches, &baked.smooth, &scene)?)
             }
         };
+        let contents = [Some(path), view.wct.as_deref()].map(content);
         let (path, stop) = (path.to_owned(), super::interrupt::listen());
-        let flight = Mutex::new(flight);
-        Ok(Self { accel, scene, texture, view, path, stop, flight })
+        let (flight, moment) = (Mutex::new(flight), None);
+        Ok(Self { accel, scene, texture, view, path, stop, contents, moment, flight })
     }
 
     /// Loads the scene to be rendered without wavelets.
     pub(super) fn without_radiance(path: &Path, view: &'a cli::View) -> anyhow::Result<Self> {
         let scene = super::load(path)?;
+        let (accel, contents) = (Accel::new(&scene), [content(Some(path)), None]);
         let (path, stop) = (path.to_owned(), super::interrupt::listen());
-        let flight = Mutex::new(None);
-        Ok(Self { accel: Accel::new(&scene), scene, texture: None, view, path, stop, flight })
+        let (flight, moment) = (Mutex::new(None), None);
+        Ok(Self { accel, scene, texture: None, view, path, stop, contents, moment, flight })
     }
 
     /// Says what of `animation` the baked radiance does not follow, and takes the patches
@@ -151,6 +157,7 @@ impl<'a> Stage<'a> {
 
     /// Brings what `animation` moves to where it is at a time.
     pub(super) fn pose(&mut self, animation: &Animation, seconds: f64) -> anyhow::Result<()> {
+        self.moment = Some((animation.name.clone(), seconds));
         if flight::pose(animation, &mut self.scene, seconds)? {
             self.accel = Accel::new(&self.scene);
         }
@@ -174,17 +181,8 @@ impl<'a> Stage<'a> {
             Format::Png => None,
             Format::Exr => Some(layers(scene, accel, patches, camera, &options)?),
         };
-        let yfov = match camera.projection {
-            Projection::Perspective { yfov } => Some(yfov),
-            Projection::Orthographic { .. } => None,
-        };
-        let metadata = Metadata {
-            camera: camera.name.clone(),
-            view: DMat4::from(camera.transform.inverse()),
-            yfov,
-            samples: options.samples,
-            settings: self.settings().to_string(),
-        };
+        let settings = self.settings(camera, format, self.moment.as_ref());
+        let metadata = metadata(camera, &options, settings);
         Ok(Picture { film, layers, metadata, stats })
     }
 
@@ -193,11 +191,25 @@ impl<'a> Stage<'a> {
         &self,
         camera: &Camera,
         target: Target,
+        format: Format,
         progress: &(dyn Fn(u64) + Sync),
-    ) -> anyhow::Result<(Film, RenderStats, Estimate)> {
+    ) -> anyhow::Result<(Picture, Estimate)> {
         let lighting = Lighting::new(&self.scene)?;
         let options = ReferenceOptions { render: self.options(camera)?, target };
-        render_reference(&self.scene, &self.accel, &lighting, camera, &options, progress)
+        let (scene, accel) = (&self.scene, &self.accel);
+        let (film, stats, estimate) =
+            render_reference(scene, accel, &lighting, camera, &options, progress)?;
+        let layers = match format {
+            Format::Png => None,
+            Format::Exr => Some(layers(scene, accel, None, camera, &options.render)?),
+        };
+        let mut settings = self.settings(camera, format, None);
+        settings["reference"] = match target {
+            Target::Samples(points) => json!({ "points": points }),
+            Target::Error(error) => json!({ "error": error, "points": estimate.points }),
+        };
+        let metadata = metadata(camera, &options.render, settings);
+        Ok((Picture { film, layers, metadata, stats }, estimate))
     }
 
     fn options(&self, camera: &Camera) -> anyhow::Result<RenderOptions> {
@@ -234,17 +246,36 @@ impl<'a> Stage<'a> {
         self.stop.load(Ordering::Relaxed)
     }
 
-    fn settings(&self) -> Value {
+    /// All that the pixels of a picture of `camera` depend on, at a moment of an animation.
+    pub(super) fn settings(
+        &self,
+        camera: &Camera,
+        format: Format,
+        moment: Option<&(String, f64)>,
+    ) -> Value {
         let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned());
-        json!({
+        let mut settings = json!({
             "scene": name(&self.path),
+            "scene_content": self.contents[0],
             "wct": self.view.wct.as_deref().and_then(name),
+            "wct_content": self.contents[1],
+            "weather": self.scene.sky.as_ref().map(ToString::to_string),
+            "camera": camera.name,
+            "animation": moment.map(|(name, _)| name),
+            "seconds": moment.map(|(_, seconds)| seconds),
+            "size": self.size(camera),
+            "crop": self.view.crop,
             "samples": self.view.samples,
             "noise": self.view.noise,
             "depth": self.view.depth,
             "emitter_grid": self.view.emitter_grid,
             "seed": self.view.seed,
-        })
+        });
+        if format == Format::Png {
+            settings["exposure"] = json!(self.view.exposure);
+            settings["tone"] = json!(format!("{:?}", self.view.tone).to_lowercase());
+        }
+        settings
     }
 
     /// Pixels across and down.
@@ -260,6 +291,29 @@ impl<'a> Stage<'a> {
     /// How many surfaces have wavelet radiance.
     pub(super) fn patches(&self) -> usize {
         self.texture.as_ref().map_or(0, WctTexture::len)
+    }
+}
+
+/// A hash of a file's content; the scene's other files, such as its textures, are not in it.
+fn content(path: Option<&Path>) -> Option<String> {
+    std::fs::read(path?).ok().map(|bytes| hash_of(&bytes))
+}
+
+fn metadata(camera: &Camera, options: &RenderOptions, settings: Value) -> Metadata {
+    let yfov = match camera.projection {
+        Projection::Perspective { yfov } => Some(yfov),
+        Projection::Orthographic { .. } => None,
+    };
+    let window = options
+        .crop
+        .map(|crop| Window { whole: [options.width, options.height], at: [crop.left, crop.top] });
+    Metadata {
+        camera: camera.name.clone(),
+        view: DMat4::from(camera.transform.inverse()),
+        yfov,
+        samples: options.samples,
+        window,
+        settings: settings.to_string(),
     }
 }
 

@@ -8,11 +8,9 @@
 //! Estevez and C. Kulla, *Importance Sampling of Many Lights with Adaptive Tree
 //! Splitting*, HPG 2018.
 
+use super::R2;
 use super::hierarchy::{Hierarchy, Node, Span};
-use crate::{
-    phong::{Source, Surface, Unshadowed},
-    whitted::R2,
-};
+use crate::phong::{Source, Surface, Unshadowed};
 use glam::{DVec2, DVec3};
 use std::{
     cmp::Ordering,

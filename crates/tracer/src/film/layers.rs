@@ -4,8 +4,8 @@ use super::Film;
 use crate::whitted::First;
 use anyhow::Context as _;
 use exr::prelude::{
-    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, Layer, LayerAttributes,
-    Text, WritableImage as _,
+    AnyChannel, AnyChannels, AttributeValue, Encoding, FlatSamples, Image, IntegerBounds, Layer,
+    LayerAttributes, Text, WritableImage as _,
 };
 use glam::{DMat4, Vec2, Vec3};
 use std::io::Cursor;
@@ -15,6 +15,14 @@ use std::io::Cursor;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Layers {
     pub(crate) pixels: Vec<Option<First>>,
+}
+
+/// Of which picture a film is a part, in pixels: how large that is, and how far from its
+/// left and its top the film starts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Window {
+    pub(crate) whole: [usize; 2],
+    pub(crate) at: [usize; 2],
 }
 
 /// What a file says of how it was made. The same picture has the same: no times.
@@ -27,16 +35,36 @@ pub(crate) struct Metadata {
     pub(crate) yfov: Option<f64>,
     /// Camera rays per pixel.
     pub(crate) samples: u32,
+    /// The part that it is, if it is not the whole.
+    pub(crate) window: Option<Window>,
     /// The options, as one JSON object.
     pub(crate) settings: String,
+}
+
+/// What comes before the settings in a file's comment.
+const SETTINGS: &str = "\nsettings: ";
+
+impl Metadata {
+    /// Lines of a file's comment.
+    pub(super) fn comment(&self) -> String {
+        format!("camera: {}{SETTINGS}{}", self.camera, self.settings)
+    }
+
+    /// The settings in a comment, if it has any.
+    pub(super) fn settings_in(comment: &str) -> Option<&str> {
+        Some(comment.split_once(SETTINGS)?.1.lines().next().unwrap_or_default())
+    }
 }
 
 impl Film {
     /// The picture as an OpenEXR file: channels `R`, `G`, `B` and, with `layers`,
     /// `albedo.R…`, `N.X…` (unit normals), `P.X…` (positions, metres), `Z` (depth
     /// along the camera's axis, metres, infinite without a surface), `id` (mesh
-    /// numbers from 1) and `wct-uv.U`, `wct-uv.V` (places on wavelet patches, −1
-    /// off them).
+    /// numbers from 1), `wct-uv.U`, `wct-uv.V` (places on wavelet patches) and
+    /// `wct-error` (relative RMS error of the patch's radiance, as its file says), these
+    /// three −1 off patches.
+    ///
+    /// A crop is the data window, in the display window of the whole picture.
     ///
     /// # Errors
     ///
@@ -62,14 +90,27 @@ impl Film {
             let (u, v) = pixels.iter().map(|p| uv(p).into()).unzip::<f32, f32, Vec<_>, Vec<_>>();
             channels.push(AnyChannel::new("wct-uv.U", FlatSamples::F32(u)));
             channels.push(AnyChannel::new("wct-uv.V", FlatSamples::F32(v)));
+            let error = |p: &Option<First>| p.and_then(|p| p.wct_error).unwrap_or(-1.0);
+            let error = FlatSamples::F32(pixels.iter().map(error).collect());
+            channels.push(AnyChannel::new("wct-error", error));
         }
-        let attributes = attributes(metadata)?;
+        let mut attributes = attributes(metadata)?;
         let size = (self.width, self.height);
         let channels = AnyChannels::sort(channels.into());
+        let window = metadata.and_then(|metadata| metadata.window);
+        let vec2 =
+            |[x, y]: [usize; 2]| anyhow::Ok(exr::math::Vec2(i32::try_from(x)?, i32::try_from(y)?));
+        if let Some(window) = window {
+            attributes.layer_position = vec2(window.at)?;
+        }
         let layer = Layer::new(size, attributes, Encoding::SMALL_LOSSLESS, channels);
         let mut file = Cursor::new(Vec::new());
         // One thread: several write their blocks in the order they finish.
-        Image::from_layer(layer).write().non_parallel().to_buffered(&mut file)?;
+        let mut image = Image::from_layer(layer);
+        if let Some(Window { whole: [width, height], .. }) = window {
+            image.attributes.display_window = IntegerBounds::from_dimensions((width, height));
+        }
+        image.write().non_parallel().to_buffered(&mut file)?;
         Ok(file.into_inner())
     }
 }
@@ -88,8 +129,8 @@ fn attributes(metadata: Option<&Metadata>) -> anyhow::Result<LayerAttributes> {
     let mut attributes =
         LayerAttributes { software_name: Some(Text::from(software)), ..LayerAttributes::default() };
     if let Some(metadata) = metadata {
-        comments
-            .push_str(&format!("\ncamera: {}\nsettings: {}", metadata.camera, metadata.settings));
+        comments.push('\n');
+        comments.push_str(&metadata.comment());
         // Of several in this map the order in the file would differ from run to run.
         let samples = i32::try_from(metadata.samples).context("too many samples")?;
         attributes.other = [("samplesPerPixel".into(), AttributeValue::I32(samples))].into();
@@ -117,6 +158,7 @@ mod tests {
             depth: 4.0,
             object: 7,
             wct_uv: Some(Vec2::new(0.25, 0.75)),
+            wct_error: Some(0.125),
         };
         let film = Film { width: 2, height: 1, pixels: vec![Vec3::ONE, Vec3::ZERO] };
         let layers = Layers { pixels: vec![Some(first), None] };
@@ -125,6 +167,7 @@ mod tests {
             view: DMat4::from_translation(glam::DVec3::new(5.0, 0.0, 0.0)),
             yfov: Some(std::f64::consts::FRAC_PI_2),
             samples: 16,
+            window: Some(Window { whole: [9, 6], at: [4, 5] }),
             settings: "{}".to_owned(),
         };
         let folder = tempfile::tempdir().expect("a temporary folder");
@@ -151,7 +194,14 @@ mod tests {
             let channel = channels.iter().find(|c| c.name.to_string() == name);
             channel.expect(name).sample_data.values_as_f32().collect()
         };
-        assert_eq!(channels.len(), 16);
+        assert_eq!(attributes.layer_position, exr::math::Vec2(4, 5));
+        let display = image.attributes.display_window;
+        assert_eq!(display, IntegerBounds::from_dimensions((9, 6)));
+        assert_eq!(Film::open(&path).expect("a crop is read as it is"), film);
+        let settings = super::super::Format::Exr.settings_of(&path).expect("readable");
+        assert_eq!(settings.as_deref(), Some("{}"));
+        assert_eq!(channels.len(), 17);
+        assert_eq!(values("wct-error"), [0.125, -1.0]);
         assert_eq!(values("G"), [1.0, 0.0]);
         assert_eq!(values("albedo.B"), [0.3, 0.0]);
         assert_eq!(values("N.Y"), [1.0, 0.0]);

@@ -1,11 +1,13 @@
 //! Pictures read back.
 
-use super::{Film, Format};
+use super::{Film, Format, Metadata};
 use crate::scene::srgb_to_linear;
 use anyhow::{Context as _, bail};
 use exr::prelude::{MetaData, Vec2, read_first_rgba_layer_from_file};
 use glam::Vec3;
 use image::ImageReader;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::Path;
 
 /// Pixels that a picture may have: a damaged header can promise any number.
@@ -43,6 +45,31 @@ impl Format {
             }
             Self::Exr => exr_size(path).map(|size| (size.width(), size.height())),
         }
+    }
+}
+
+impl Format {
+    /// With which settings the picture at `path` was made, if it says so.
+    ///
+    /// # Errors
+    ///
+    /// If it is no picture of this format.
+    pub(crate) fn settings_of(self, path: &Path) -> anyhow::Result<Option<String>> {
+        let comment = match self {
+            Self::Png => {
+                let file = BufReader::new(File::open(path)?);
+                let reader = png::Decoder::new(file).read_info()?;
+                let texts = &reader.info().utf8_text;
+                texts.first().map(|text| text.get_text()).transpose()?
+            }
+            Self::Exr => {
+                let headers = MetaData::read_from_file(path, false)?.headers;
+                let header = headers.first().context("no picture in it")?;
+                header.own_attributes.comments.as_ref().map(ToString::to_string)
+            }
+        };
+        let settings = comment.as_deref().and_then(Metadata::settings_in);
+        Ok(settings.map(str::to_owned))
     }
 }
 
