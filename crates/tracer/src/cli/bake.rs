@@ -43,8 +43,8 @@ pub(crate) struct Bake {
 #[command(next_help_heading = "Need")]
 pub(crate) struct Need {
     /// Smooth: keep the error only where the cameras of the animation NAME look, at any
-    /// rate of pictures, for pictures up to twice as wide as high. Fewer bytes and less
-    /// time, for a flight alone.
+    /// rate of pictures, for pictures up to twice as wide as high. Half the bytes, for a
+    /// flight alone.
     ///
     /// For all other positions and directions there is a coarser approximation, off by
     /// up to some 30 %. The file says for which animation it is, and `render` and `fly` warn
