@@ -119,8 +119,8 @@ const ENOUGH: [f64; 2] = [0.81, 0.87];
 const LEAST: f64 = 0.15;
 
 /// How often cells are split anew, because points tell of more than coefficients do: how
-/// much of all cells there may then be before directions take the rest.
-const FOR_POSITIONS: [f64; 4] = [0.25, 0.5, 0.75, 0.75];
+/// much of all cells there may then be when positions are split, and then directions.
+const ROUNDS: [[f64; 2]; 4] = [[0.25, 0.5], [0.65, 0.75], [0.85, 0.95], [0.95, 1.0]];
 
 /// How often they are pruned with what points tell of.
 const PRUNINGS: usize = 3;
@@ -175,11 +175,11 @@ fn refine<R: Radiance>(sampling: &Sampling<'_, R>) -> Option<Projected> {
     if !is_part && made.norm_squared == 0.0 {
         return Some(made);
     }
-    for for_positions in FOR_POSITIONS {
+    for most in ROUNDS {
         let cells = count(&positions);
-        let most = (for_positions * options.cells as f64) as usize;
-        positions = sampling.split_positions(positions, share, most);
-        sampling.split_directions(&mut positions, share);
+        let [for_positions, for_all] = most.map(|part| (part * options.cells as f64) as usize);
+        positions = sampling.split_positions(positions, share, for_positions);
+        sampling.split_directions(&mut positions, share, for_all);
         if made.error > 0.0 && count(&positions) == cells {
             break;
         }

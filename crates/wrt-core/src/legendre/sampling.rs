@@ -129,8 +129,9 @@ impl<'a, R: Radiance> Sampling<'a, R> {
         }
     }
 
-    /// Splits direction cells until what they leave out is allowed.
-    pub(super) fn split_directions(&self, positions: &mut [Position], share: f64) {
+    /// Splits direction cells until what they leave out is allowed, or there are `most`
+    /// cells.
+    pub(super) fn split_directions(&self, positions: &mut [Position], share: f64, most: usize) {
         loop {
             let allowed = self.allowed(positions, share);
             let mut leaves: Vec<&mut Sampled> = Vec::new();
@@ -141,7 +142,7 @@ impl<'a, R: Radiance> Sampling<'a, R> {
                 ends.push(leaves.len());
             }
             let tails: Vec<f64> = leaves.iter().map(|leaf| leaf.tail(1)).collect();
-            let room = self.options.cells.saturating_sub(leaves.len()) / 3;
+            let room = most.saturating_sub(leaves.len()) / 3;
             let splits = |i: usize| {
                 let leaf: &Sampled = leaves[i];
                 leaf.is_seen() && leaf.cell.levels[1] < self.options.levels[1]
