@@ -20,6 +20,7 @@ use rayon::prelude::*;
 pub(crate) use receivers::{Receiver, receivers};
 use std::{
     collections::BTreeMap,
+    fmt,
     time::{Duration, Instant},
 };
 use wrt_core::legendre::Orders;
@@ -129,7 +130,7 @@ pub(crate) struct Baked {
     /// Wall time per stage.
     pub(crate) times: [Duration; Stage::ALL.len()],
     /// Hash of the polygons, pictures and materials that went in.
-    pub(crate) input_hash: u64,
+    pub(crate) input_hash: String,
     pub(crate) warnings: Vec<String>,
 }
 
@@ -228,7 +229,7 @@ pub(crate) fn bake(
     baked.error = checked.relative();
     baked.transport_error = off.filter(|_| arrived > 0.0).map(|off| (off / arrived).sqrt());
     baked.times = clock.times;
-    baked.input_hash = hash.0;
+    baked.input_hash = hash.to_string();
     Ok(baked)
 }
 
@@ -336,18 +337,24 @@ pub(crate) fn fingerprint(scene: &Scene) -> String {
         hash.points(&[material.kd.as_dvec3(), material.ks.as_dvec3()]);
         hash.points(&[DVec3::splat(f64::from(material.exponent))]);
     }
-    format!("fnv1a64:{:016x}", hash.0)
+    hash.to_string()
 }
 
 /// A hash of a file's content.
 pub(crate) fn hash_of(bytes: &[u8]) -> String {
     let mut hash = Hash::default();
     hash.add(bytes.iter().copied());
-    format!("fnv1a64:{:016x}", hash.0)
+    hash.to_string()
 }
 
 /// FNV-1a, 64 bits (G. Fowler, L. Noll, P. Vo): says "the same input", no more.
 struct Hash(u64);
+
+impl fmt::Display for Hash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "fnv1a64:{:016x}", self.0)
+    }
+}
 
 impl Default for Hash {
     fn default() -> Self {

@@ -5,7 +5,7 @@
 mod first_round;
 mod pixel;
 
-pub(crate) use pixel::splitmix;
+pub(crate) use pixel::{R4, splitmix};
 
 use crate::{
     accel::Accel,

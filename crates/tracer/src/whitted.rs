@@ -5,6 +5,8 @@
 //! mirrors and glass by recursive rays. Where a wavelet patch lies on the
 //! surface, the patch replaces the area emitters.
 
+mod first;
+mod patch;
 mod refraction;
 mod turns;
 
@@ -15,79 +17,16 @@ use crate::{
     phong::{Surface, Unshadowed},
     scene::{Lobe, Scene},
 };
-use glam::{DVec2, DVec3, Vec2, Vec3};
+pub(crate) use first::First;
+use glam::{DVec2, DVec3, Vec3};
+use patch::beside;
+pub(crate) use patch::{Beside, PatchRadiance};
 use refraction::Refraction;
 use turns::Turn;
 
 /// Rays that can change a pixel by less than this, relative to the radiance
 /// they would find, are not followed.
 const MIN_WEIGHT: f32 = 1e-3;
-
-/// Radiance that is looked up instead of gathered.
-pub(crate) trait PatchRadiance: Sync {
-    /// Radiance that leaves `position`, on a mesh's triangle seen from its
-    /// front, along the unit vector `to_eye`: what the surface reflects of the
-    /// area emitters. `None` if no patch lies there.
-    fn outgoing(
-        &self,
-        mesh: usize,
-        triangle: u32,
-        position: DVec3,
-        to_eye: DVec3,
-        sample: &Sample,
-    ) -> Option<Vec3>;
-
-    /// The same for a camera ray that stands for a part of the picture, as wide as from
-    /// it to its neighbours `beside`: by default that of its middle.
-    fn outgoing_over(
-        &self,
-        mesh: usize,
-        triangle: u32,
-        position: DVec3,
-        to_eye: DVec3,
-        _beside: &[Beside; 2],
-        sample: &Sample,
-    ) -> Option<Vec3> {
-        self.outgoing(mesh, triangle, position, to_eye, sample)
-    }
-
-    /// Relative RMS error of the radiance of a triangle's patch, if it has one.
-    fn error(&self, _mesh: usize, _triangle: u32) -> Option<f64> {
-        None
-    }
-
-    /// Where on the patch of a triangle `position` is, in [0, 1]².
-    fn place(&self, _mesh: usize, _triangle: u32, _position: DVec3) -> Option<DVec2> {
-        None
-    }
-}
-
-/// What a neighbouring camera ray sees of the same surface, less what the ray itself
-/// does.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Beside {
-    pub(crate) position: DVec3,
-    /// Of the unit vectors to the eye.
-    pub(crate) to_eye: DVec3,
-}
-
-/// What a camera ray meets first, for compositing.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct First {
-    /// k_d + k_s with textures: what is reflected of light from everywhere.
-    pub(crate) albedo: Vec3,
-    /// Unit, towards the eye.
-    pub(crate) normal: Vec3,
-    pub(crate) position: Vec3,
-    /// Distance from the camera along its axis, metres.
-    pub(crate) depth: f32,
-    /// The mesh's number from 1.
-    pub(crate) object: u32,
-    /// Where on a wavelet patch.
-    pub(crate) wct_uv: Option<Vec2>,
-    /// [`PatchRadiance::error`] of that.
-    pub(crate) wct_error: Option<f32>,
-}
 
 /// What all rays of a picture share.
 pub(crate) struct Whitted<'a> {
@@ -188,32 +127,6 @@ impl Whitted<'_> {
     /// What `beam` meets next after the distance `from`.
     fn next(&self, beam: &Beam, from: f64) -> Option<Hit> {
         self.accel.closest(beam.origin, beam.direction, from, f64::INFINITY)
-    }
-
-    /// What `beam` meets first, with depth along the unit vector `ahead`; surfaces
-    /// with alpha count where they hide half or more.
-    pub(crate) fn first(&self, beam: &Beam, ahead: DVec3) -> Option<First> {
-        let mut from = 0.0;
-        let hit = (0..MAX_LAYERS).find_map(|_| {
-            let hit = self.next(beam, from);
-            from = hit.map_or(f64::INFINITY, |hit| hit.t);
-            hit.filter(|hit| hit.opacity >= 0.5)
-        })?;
-        let footprint = beam.footprint(hit.position, hit.normal);
-        let surface = Surface::over(self.scene, &hit, -beam.direction, footprint);
-        let patches = self.patches.filter(|_| hit.front);
-        let uv = patches.and_then(|p| p.place(hit.mesh, hit.triangle, hit.position));
-        Some(First {
-            albedo: surface.colour + surface.specular,
-            normal: surface.normal.as_vec3(),
-            position: hit.position.as_vec3(),
-            depth: (hit.t * beam.direction.dot(ahead)) as f32,
-            object: hit.mesh as u32 + 1,
-            wct_uv: uv.map(|uv| uv.as_vec2()),
-            wct_error: patches
-                .and_then(|p| p.error(hit.mesh, hit.triangle))
-                .map(|error| error as f32),
-        })
     }
 
     /// Radiance along `beam`, which meets `first` first.
@@ -372,12 +285,6 @@ impl Whitted<'_> {
         let beam = Beam { origin, ..turned };
         weight * self.trace(self.next(&beam, 0.0), &beam, next, sample)
     }
-}
-
-/// What the neighbours of `beam` see of the plane that it hits.
-fn beside(beam: &Beam, hit: &Hit) -> [Beside; 2] {
-    let positions = beam.footprint(hit.position, hit.normal);
-    [0, 1].map(|i| Beside { position: positions[i], to_eye: beam.direction - beam.beside[i].1 })
 }
 
 /// The normal that a mirror reflects about. Where the interpolated one would send

@@ -1,6 +1,6 @@
 //! How much of the light that a bake carries goes through objects.
 
-use super::{Receiver, emissions, receivers};
+use super::{Receiver, check::spread, emissions, receivers};
 use crate::accel::Accel;
 use crate::phong::Source;
 use crate::scene::Scene;
@@ -71,17 +71,10 @@ fn at_point(
     emitters: &[(Polygon, Emission)],
     accel: &Accel,
 ) -> Light {
-    /// A Kronecker sequence in four dimensions (M. Roberts, 2018).
-    const STEP: [f64; 4] = [
-        0.856_674_883_854_502_9,
-        0.733_891_856_627_125_8,
-        0.628_706_721_037_808_8,
-        0.538_597_257_223_608_1,
-    ];
     let frame = receiver.polygon.frame();
-    let spread = |n: usize, d: usize| (0.5 + n as f64 * STEP[d]).fract();
     let size = receiver.polygon.size().unwrap_or_default();
-    let point = frame.point(DVec2::new(spread(i, 0), spread(i, 1)) * size);
+    let [u, v, ..] = spread(i as u64);
+    let point = frame.point(DVec2::new(u, v) * size);
     let start = accel.leave(point, frame.n, frame.n);
     let each = LOOKS.div_ceil(emitters.len()).max(2);
     let (mut rays, mut weights) = (Vec::new(), Vec::new());
@@ -89,8 +82,8 @@ fn at_point(
         let (source, size) = (polygon.frame(), polygon.size().unwrap_or_default());
         let side = 1_usize << emission.level();
         for k in 0..each {
-            let n = i * each + k;
-            let st = DVec2::new(spread(n, 2), spread(n, 3));
+            let [.., s, t] = spread((i * each + k) as u64);
+            let st = DVec2::new(s, t);
             let cell = (st * side as f64).as_uvec2().min(glam::UVec2::splat(side as u32 - 1));
             let radiance = emission.picture()[cell.y as usize * side + cell.x as usize];
             let from = source.point(st * size);
@@ -119,18 +112,8 @@ fn at_point(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{Material, Mesh};
+    use crate::scene::{Material, surfaces::rectangle};
     use glam::{DVec3, Vec3};
-
-    fn rectangle(name: &str, o: DVec3, u: DVec3, v: DVec3, material: usize) -> Mesh {
-        Mesh {
-            name: name.to_owned(),
-            positions: vec![o, o + u, o + u + v, o + v],
-            triangles: vec![[0, 1, 2], [0, 2, 3]],
-            material,
-            ..Mesh::default()
-        }
-    }
 
     /// A floor 4 m a side, a small lamp 2 m over its middle, and at half the height a
     /// board over half of what the lamp lights, whose mirror image on the other side is

@@ -1,6 +1,7 @@
 //! A baked patch against direct quadrature over the emitters.
 
 use super::{flight::Flight, receivers::Receiver};
+use crate::render::R4;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use wrt_core::{Emission, Nusselt, Polygon, Rgb, gather};
@@ -23,6 +24,11 @@ impl Checked {
     }
 }
 
+/// The `i`-th of well-spread points of the unit 4-cube.
+pub(super) fn spread(i: u64) -> [f64; 4] {
+    R4.to_array().map(|step| (0.5 + i as f64 * step).fract())
+}
+
 /// Looks the patch up, by (u, v, κ, λ) or by direction, at well-spread points and
 /// directions, of those from which `flight` sees the points if there is one, and compares
 /// with direct quadrature over the emitters: the error that a picture will have.
@@ -33,19 +39,12 @@ pub(super) fn check(
     look_up: &(impl Fn([f64; 4], DVec3) -> Rgb + Sync),
     count: u32,
 ) -> Checked {
-    // A Kronecker sequence in four dimensions (M. Roberts, 2018).
-    const STEP: [f64; 4] = [
-        0.856_674_883_854_502_9,
-        0.733_891_856_627_125_8,
-        0.628_706_721_037_808_8,
-        0.538_597_257_223_608_1,
-    ];
     /// Points looked at for each that a flight is to see.
     const TRIES: u64 = 400;
     let size = receiver.polygon.size().unwrap_or_default();
     let frame = receiver.polygon.frame();
     let candidate = |i: u64| {
-        let q = STEP.map(|step| (0.5 + i as f64 * step).fract());
+        let q = spread(i);
         let to_eye = Nusselt { kappa: q[2], lambda: q[3] }.to_direction()?;
         let point = frame.point(DVec2::new(q[0], q[1]) * size);
         let is_seen = flight.is_none_or(|flight| flight.sees(point, frame.to_world(to_eye)));

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use wrt_core::{Emission, Lobe, Polygon};
 
 /// The most emitters that are baked.
-const MOST: usize = 4096;
+const MOST_EMITTERS: usize = 4096;
 
 /// Texels of all emitters' pictures together.
 const TEXELS: usize = 1 << 22;
@@ -61,9 +61,9 @@ pub(super) fn emitters(scene: &Scene, options: &BakeOptions) -> anyhow::Result<V
             "nothing emits light: give a planar surface an emissive material (emissiveFactor, or Ke in an MTL file)"
         );
     }
-    if found.len() > MOST {
+    if found.len() > MOST_EMITTERS {
         bail!(
-            "{} surfaces emit light, and a bake takes {MOST}: give planar surfaces alone an emissive material, or render without a bake, which samples the light of all",
+            "{} surfaces emit light, and a bake takes {MOST_EMITTERS}: give planar surfaces alone an emissive material, or render without a bake, which samples the light of all",
             found.len()
         );
     }

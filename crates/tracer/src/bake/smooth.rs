@@ -79,7 +79,7 @@ pub(super) fn bake(
     baked.dropped = if energy > 0.0 { (lost / energy).sqrt() } else { 0.0 };
     baked.error = checked.relative();
     baked.times = clock.times;
-    baked.input_hash = hash.0;
+    baked.input_hash = hash.to_string();
     Ok(baked)
 }
 

@@ -80,7 +80,7 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
         patches: baked.patches.clone(),
         smooth: baked.smooth.clone(),
         generator: concat!("tracer ", env!("CARGO_PKG_VERSION")).to_owned(),
-        input_hash: format!("fnv1a64:{:016x}", baked.input_hash),
+        input_hash: baked.input_hash.clone(),
         options: recorded,
     };
     file.write(&args.output).with_context(|| format!("writing {}", args.output.display()))?;

@@ -52,47 +52,16 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
         let is_picture = wanted.iter().any(|(path, _)| path == video);
         ensure!(!is_picture, "--video {}: that is one of the pictures", video.display());
     }
-    let missing: Vec<_> = wanted.iter().filter(|(path, _)| !path.exists()).collect();
+    let (there, missing): (Vec<_>, Vec<_>) = wanted.iter().partition(|(path, _)| path.exists());
     let columns = args.view.crop.map_or(size.0, |[x0, _, x1, _]| x1 - x0);
-    for (path, _) in wanted.iter().filter(|(path, _)| path.exists()) {
-        let found = format.size_of(path).with_context(|| format!("{}", path.display()))?;
-        ensure!(
-            found == (columns, rows),
-            "{}: it is there already, {}x{} pixels where {columns}x{rows} are wanted: remove it, or name the pictures otherwise",
-            path.display(),
-            found.0,
-            found.1
-        );
-    }
-    let camera = &stage.scene.cameras[animation.camera];
-    let mut is_silent = false;
-    for (path, time) in wanted.iter().filter(|(path, _)| path.exists()) {
-        let moment = (animation.name.clone(), *time);
-        let own = stage.settings(camera, format, Some(&moment));
-        let wanted = own.to_string();
-        match format.settings_of(path).with_context(|| format!("{}", path.display()))? {
-            None => is_silent = true,
-            Some(found) => ensure!(
-                found == wanted,
-                "{}: it is there already, made with other settings{}: remove it, or name the pictures otherwise",
-                path.display(),
-                difference(&found, &own)
-            ),
-        }
-    }
-    if is_silent {
-        eprintln!(
-            "tracer: warning: some pictures that are there do not say how they were made, and are left as they are"
-        );
-    }
-    let there = wanted.len() - missing.len();
+    keep(&stage, &animation, format, &there, (columns, rows))?;
     let told = |meter: &Meter, rendered: usize, is_whole: bool| {
         let mut fields = meter.fields();
         fields["output"] = json!(args.output);
         fields["animation"] = json!(animation.name);
         fields["size"] = json!(size);
         fields["rendered"] = json!(rendered);
-        fields["skipped"] = json!(there);
+        fields["skipped"] = json!(there.len());
         fields["seconds_a_picture"] = json!(meter.seconds() / rendered.max(1) as f64);
         fields["interrupted"] = json!(!is_whole);
         say(fields)
@@ -146,11 +115,55 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
     }
     let each = meter.seconds() / rendered.max(1) as f64;
     say(format_args!(
-        "{}: {rendered} pictures rendered, {there} were there, {:.2} million rays in {:.2} s, {each:.2} s a picture",
+        "{}: {rendered} pictures rendered, {} were there, {:.2} million rays in {:.2} s, {each:.2} s a picture",
         args.output,
+        there.len(),
         meter.million_rays(),
         meter.seconds(),
     ))?;
+    Ok(())
+}
+
+/// Finds out whether the pictures that are `there` can stay.
+///
+/// # Errors
+///
+/// If one is of another size or says that it was made with other settings.
+fn keep(
+    stage: &Stage<'_>,
+    animation: &Animation,
+    format: Format,
+    there: &[&(PathBuf, f64)],
+    (columns, rows): (usize, usize),
+) -> anyhow::Result<()> {
+    let camera = &stage.scene.cameras[animation.camera];
+    let mut is_silent = false;
+    for (path, time) in there {
+        let name = path.display();
+        let found = format.size_of(path).with_context(|| format!("{name}"))?;
+        ensure!(
+            found == (columns, rows),
+            "{name}: it is there already, {}x{} pixels where {columns}x{rows} are wanted: remove it, or name the pictures otherwise",
+            found.0,
+            found.1
+        );
+        let moment = (animation.name.clone(), *time);
+        let own = stage.settings(camera, format, Some(&moment));
+        let wanted = own.to_string();
+        match format.settings_of(path).with_context(|| format!("{name}"))? {
+            None => is_silent = true,
+            Some(found) => ensure!(
+                found == wanted,
+                "{name}: it is there already, made with other settings{}: remove it, or name the pictures otherwise",
+                difference(&found, &own)
+            ),
+        }
+    }
+    if is_silent {
+        eprintln!(
+            "tracer: warning: some pictures that are there do not say how they were made, and are left as they are"
+        );
+    }
     Ok(())
 }
 

@@ -98,26 +98,8 @@ impl<'a> Stage<'a> {
                 })
                 .map(Some)
                 .with_context(|| format!("{}", path.display()))?,
-            None if surfaces::emitters(&scene).is_empty()
-                || surfaces::receivers(&scene).is_empty() =>
-            {
-                eprintln!("tracer: nothing to bake: no surface emits, or none receives");
-                None
-            }
-            None if surfaces::emitters(&scene).len() > MANY => {
-                eprintln!(
-                    "tracer: no --wct given, and {} surfaces emit: too many to bake in memory, so their light is sampled",
-                    surfaces::emitters(&scene).len()
-                );
-                None
-            }
-            None => {
-                eprintln!("tracer: no --wct given: baking in memory first");
-                let options = super::bake::options(&cli::Accuracy::default(), false)?;
-                let (baked, _) = super::bake::baked(&scene, &accel, &options, view.threads)
-                    .with_context(|| format!("baking {}", path.display()))?;
-                Some(WctTexture::bind(&baked.patches, &baked.smooth, &scene)?)
-            }
+            None => baked_in_memory(&scene, &accel, view.threads)
+                .with_context(|| format!("baking {}", path.display()))?,
         };
         let contents = [Some(path), view.wct.as_deref()].map(content);
         let (path, stop) = (path.to_owned(), super::interrupt::listen());
@@ -292,6 +274,30 @@ impl<'a> Stage<'a> {
     pub(super) fn patches(&self) -> usize {
         self.texture.as_ref().map_or(0, WctTexture::len)
     }
+}
+
+/// The radiance of a scene without a `.wct` file; `None` where there is none to bake, or too
+/// much.
+fn baked_in_memory(
+    scene: &Scene,
+    accel: &Accel,
+    threads: usize,
+) -> anyhow::Result<Option<WctTexture>> {
+    let emitters = surfaces::emitters(scene).len();
+    if emitters == 0 || surfaces::receivers(scene).is_empty() {
+        eprintln!("tracer: nothing to bake: no surface emits, or none receives");
+        return Ok(None);
+    }
+    if emitters > MANY {
+        eprintln!(
+            "tracer: no --wct given, and {emitters} surfaces emit: too many to bake in memory, so their light is sampled"
+        );
+        return Ok(None);
+    }
+    eprintln!("tracer: no --wct given: baking in memory first");
+    let options = super::bake::options(&cli::Accuracy::default(), false)?;
+    let (baked, _) = super::bake::baked(scene, accel, &options, threads)?;
+    WctTexture::bind(&baked.patches, &baked.smooth, scene).map(Some)
 }
 
 /// A hash of a file's content; the scene's other files, such as its textures, are not in it.

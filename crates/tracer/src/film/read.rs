@@ -3,7 +3,8 @@
 use super::{Film, Format, Metadata};
 use crate::scene::srgb_to_linear;
 use anyhow::{Context as _, bail};
-use exr::prelude::{MetaData, Vec2, read_first_rgba_layer_from_file};
+use exr::meta::header::Header;
+use exr::prelude::{MetaData, read_first_rgba_layer_from_file};
 use glam::Vec3;
 use image::ImageReader;
 use std::fs::File;
@@ -43,12 +44,13 @@ impl Format {
                     ImageReader::open(path)?.with_guessed_format()?.into_dimensions()?;
                 Ok((width as usize, height as usize))
             }
-            Self::Exr => exr_size(path).map(|size| (size.width(), size.height())),
+            Self::Exr => {
+                let size = exr_header(path)?.layer_size;
+                Ok((size.width(), size.height()))
+            }
         }
     }
-}
 
-impl Format {
     /// With which settings the picture at `path` was made, if it says so.
     ///
     /// # Errors
@@ -62,20 +64,16 @@ impl Format {
                 let texts = &reader.info().utf8_text;
                 texts.first().map(|text| text.get_text()).transpose()?
             }
-            Self::Exr => {
-                let headers = MetaData::read_from_file(path, false)?.headers;
-                let header = headers.first().context("no picture in it")?;
-                header.own_attributes.comments.as_ref().map(ToString::to_string)
-            }
+            Self::Exr => exr_header(path)?.own_attributes.comments.map(|text| text.to_string()),
         };
         let settings = comment.as_deref().and_then(Metadata::settings_in);
         Ok(settings.map(str::to_owned))
     }
 }
 
-fn exr_size(path: &Path) -> anyhow::Result<Vec2<usize>> {
+fn exr_header(path: &Path) -> anyhow::Result<Header> {
     let headers = MetaData::read_from_file(path, false)?.headers;
-    Ok(headers.first().context("no picture in it")?.layer_size)
+    headers.into_iter().next().context("no picture in it")
 }
 
 fn read_png(path: &Path) -> anyhow::Result<Film> {
@@ -87,7 +85,7 @@ fn read_png(path: &Path) -> anyhow::Result<Film> {
 }
 
 fn read_exr(path: &Path) -> anyhow::Result<Film> {
-    let size = exr_size(path)?;
+    let size = exr_header(path)?.layer_size;
     if size.area() > MOST {
         bail!("{} x {} pixels are more than this program reads", size.width(), size.height());
     }

@@ -11,7 +11,7 @@ use glam::{DVec2, DVec3, DVec4, Vec3};
 /// Step of the samples' sequence, which fills the unit 4-cube evenly: powers of
 /// 1/g for g⁵ = g + 1 (M. Roberts, *The Unreasonable Effectiveness of Quasirandom
 /// Sequences*, 2018).
-const R4: DVec4 = DVec4::new(
+pub(crate) const R4: DVec4 = DVec4::new(
     0.856_674_883_854_502_9,
     0.733_891_856_627_125_8,
     0.628_706_721_037_808_8,

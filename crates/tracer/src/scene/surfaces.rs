@@ -49,6 +49,20 @@ impl PlanarPolygon {
         self.area_vector().normalize_or_zero()
     }
 
+    /// Puts the corners into their mean plane. Those of a small part of a large mesh can be
+    /// farther off it, in its own size, than a polygon's may be.
+    fn flatten(&mut self) {
+        /// Of the polygon's size: corners that are nearer stay as the file has them.
+        const FLAT: f64 = 3e-7;
+        let (origin, normal) = (self.vertices[0], self.normal());
+        let above = |v: &DVec3| (*v - origin).dot(normal);
+        let height = self.vertices.iter().map(above).sum::<f64>() / self.vertices.len() as f64;
+        let size = self.vertices.iter().map(|v| v.distance(origin)).fold(0.0, f64::max);
+        if self.vertices.iter().any(|v| (above(v) - height).abs() > FLAT * size) {
+            self.vertices.iter_mut().for_each(|v| *v -= (above(v) - height) * normal);
+        }
+    }
+
     /// Whether some of `other` is in front of this polygon's plane.
     fn sees(&self, other: &Self) -> bool {
         let (origin, normal) = (self.vertices[0], self.normal());
@@ -96,35 +110,30 @@ fn polygons_where(scene: &Scene, wanted: impl Fn(&Mesh) -> bool) -> Vec<PlanarPo
             let map = scene.materials[mesh.material].emission_texture;
             let map = map.filter(|map| !mesh.uvs[map.set].is_empty());
             let uv = |&corner: &u32| Some(mesh.uv(map.as_ref()?, corner as usize));
-            let mut vertices: Vec<DVec3> = outline.corners.iter().map(at).collect();
-            flatten(&mut vertices);
-            PlanarPolygon {
+            let mut polygon = PlanarPolygon {
                 mesh: i,
                 name: if several { format!("{}.{k}", mesh.name) } else { mesh.name.clone() },
-                vertices,
+                vertices: outline.corners.iter().map(at).collect(),
                 uvs: outline.corners.iter().filter_map(uv).collect(),
                 triangles: outline.triangles,
-            }
+            };
+            polygon.flatten();
+            polygon
         }));
     }
     polygons
 }
 
-/// Puts the corners into their mean plane. Those of a small part of a large mesh can be
-/// farther off it, in its own size, than a polygon's may be.
-fn flatten(vertices: &mut [DVec3]) {
-    /// Of the polygon's size: corners that are nearer stay as the file has them.
-    const FLAT: f64 = 3e-7;
-    let origin = vertices[0];
-    let pairs = vertices.windows(2);
-    let normal: DVec3 = pairs.map(|p| (p[0] - origin).cross(p[1] - origin)).sum();
-    let normal = normal.normalize_or_zero();
-    let height = vertices.iter().map(|v| (*v - origin).dot(normal)).sum::<f64>();
-    let height = height / vertices.len() as f64;
-    let size = vertices.iter().map(|v| v.distance(origin)).fold(0.0, f64::max);
-    let off = |v: &DVec3| (*v - origin).dot(normal) - height;
-    if vertices.iter().any(|v| off(v).abs() > FLAT * size) {
-        vertices.iter_mut().for_each(|v| *v -= off(v) * normal);
+/// Two triangles, counter-clockwise from corner `o`.
+#[cfg(test)]
+pub(crate) fn rectangle(name: &str, o: DVec3, u: DVec3, v: DVec3, material: usize) -> Mesh {
+    Mesh {
+        name: name.to_owned(),
+        positions: vec![o, o + u, o + u + v, o + v],
+        uvs: [vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y], Vec::new()],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        material,
+        ..Mesh::default()
     }
 }
 
@@ -133,18 +142,6 @@ mod tests {
     use super::*;
     use crate::scene::{Map, Material};
     use glam::Vec3;
-
-    /// Two triangles, counter-clockwise from corner `o`.
-    fn rectangle(name: &str, o: DVec3, u: DVec3, v: DVec3, material: usize) -> Mesh {
-        Mesh {
-            name: name.to_owned(),
-            positions: vec![o, o + u, o + u + v, o + v],
-            uvs: [vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y], Vec::new()],
-            triangles: vec![[0, 1, 2], [0, 2, 3]],
-            material,
-            ..Mesh::default()
-        }
-    }
 
     /// Materials 0 (dark) and 1 (shining), and the meshes given.
     fn scene(meshes: Vec<Mesh>) -> Scene {

@@ -75,11 +75,7 @@ impl AreaLight {
         let stored = self.levels.get(usize::from(level)).map(|cells| {
             cells[(m[1] << level | m[0]) as usize].as_deref().copied().unwrap_or([[0.0; 3]; SQUARE])
         });
-        let texel = || {
-            let up = level - self.emission.level();
-            self.emission.picture()[((m[1] >> up) << self.emission.level() | m[0] >> up) as usize]
-        };
-        let constant = if stored.is_none() { texel() } else { [0.0; 3] };
+        let constant = if stored.is_none() { self.texel(level, m) } else { [0.0; 3] };
         (0..SQUARE).map(move |i| {
             let ((x, wx), (y, wy)) = (self.rule[i % NODES], self.rule[i / NODES]);
             let uv = (DVec2::new(f64::from(m[0]), f64::from(m[1])) + DVec2::new(x, y)) * width;
@@ -91,6 +87,12 @@ impl AreaLight {
         })
     }
 
+    /// The texel that a cell of this level, its own or one below, is in.
+    fn texel(&self, level: u8, m: [u32; 2]) -> [f32; 3] {
+        let (own, up) = (self.emission.level(), level - self.emission.level());
+        self.emission.picture()[((m[1] >> up) << own | m[0] >> up) as usize]
+    }
+
     /// Whether a cell of this level has neither a texel's nodes nor its own.
     fn is_between(&self, level: u8) -> bool {
         usize::from(level) >= self.levels.len() && level < self.emission.level()
@@ -100,10 +102,7 @@ impl AreaLight {
         match self.levels.get(usize::from(level)) {
             Some(cells) => cells[(m[1] << level | m[0]) as usize].is_none(),
             None if self.is_between(level) => false,
-            None => {
-                let (own, up) = (self.emission.level(), level - self.emission.level());
-                self.emission.picture()[((m[1] >> up) << own | m[0] >> up) as usize] == [0.0; 3]
-            }
+            None => self.texel(level, m) == [0.0; 3],
         }
     }
 }

@@ -72,7 +72,7 @@ impl Glossy {
             glossy.cones.push(Cone {
                 axis: bundle.axis,
                 reach,
-                least: if reach < PI { reach.cos() } else { -2.0 },
+                least: least_cosine(reach),
                 blocks: from..glossy.blocks.len(),
             });
         }
@@ -90,10 +90,8 @@ impl Glossy {
     /// Whether the lobe about any direction within `radius` radians of `axis` meets a beam.
     #[must_use]
     pub fn reaches(&self, axis: DVec3, radius: f64) -> bool {
-        self.cones.iter().any(|cone| {
-            let reach = cone.reach + radius;
-            reach >= PI || cone.axis.dot(axis) >= reach.cos()
-        })
+        let meets = |cone: &Cone| cone.axis.dot(axis) >= least_cosine(cone.reach + radius);
+        self.cones.iter().any(meets)
     }
 
     #[inline(always)]
@@ -139,6 +137,11 @@ impl Glossy {
         };
         cosine.simd_gt(least).select(power, f64x8::splat(simd, 0.0))
     }
+}
+
+/// The cosine of an angle, or less than any from a half turn on.
+fn least_cosine(angle: f64) -> f64 {
+    if angle < PI { angle.cos() } else { -2.0 }
 }
 
 #[inline(always)]
