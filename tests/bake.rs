@@ -90,6 +90,33 @@ fn the_summary_says_what_was_made() {
     assert!(row("time in all").ends_with(" s"), "{table}");
 }
 
+/// What was kept is told in words, of files that have it otherwise too, and is up to date
+/// after another compression.
+#[test]
+fn a_file_says_what_is_kept_of_it() {
+    let folder = Folder::new();
+    let (own, other) = (folder.path("own.wct"), folder.path("other.wct"));
+    let facing = scene("facing/facing.gltf");
+    succeed(&["bake", &facing, "-o", &own, "--level", "2", "--checks", "0"]);
+    let keep = |path: &str| WctFile::read(path).expect("a file").options["keep"].clone();
+    assert_eq!(keep(&own), "relative error 0.002");
+    succeed(&["convert", &own, "--error", "0.01", "-o", &other]);
+    assert_eq!(keep(&other), "relative error 0.002, then relative error 0.01");
+    let mut old = WctFile::read(&own).expect("a file");
+    old.options.insert("keep".to_owned(), "RelativeError(0.002)".to_owned());
+    old.write(&own).expect("written");
+    let told = succeed(&["inspect", &own]);
+    assert!(told.contains("keep          relative error 0.002\n"), "{told}");
+    succeed(&["convert", &own, "--raw", "-o", &other]);
+    assert_eq!(keep(&other), "relative error 0.002");
+    succeed(&["convert", &own, "--error", "0.01", "-o", &own]);
+    assert_eq!(keep(&own), "relative error 0.002, then relative error 0.01");
+    for args in [&["bake", &facing][..], &["convert", &own, "--raw"]] {
+        let complaint = fail(1, &[args, &["-o", &folder.path("")]].concat());
+        assert!(complaint.contains("is a folder: name a .wct in it"), "{complaint}");
+    }
+}
+
 #[test]
 fn a_failed_bake_leaves_the_old_file() {
     let folder = Folder::new();

@@ -19,8 +19,8 @@ pub(crate) struct Convert {
     #[arg(long, group = "how")]
     pub(crate) raw: bool,
 
-    /// Quantised and entropy-coded, with at most this relative L² error, per patch,
-    /// on top of what the file has.
+    /// Haar: quantised and entropy-coded, with at most this relative L² error, per patch,
+    /// on top of what the file has. A smooth file is baked again instead.
     #[arg(long, value_name = "E", group = "how", value_parser = fraction)]
     pub(crate) error: Option<f64>,
 }

@@ -1,5 +1,6 @@
 //! `tracer bake`: a scene to a `.wct` file.
 
+use super::keep::{self, KEEP};
 use super::stdout::say;
 use crate::accel::Accel;
 use crate::bake::{
@@ -10,21 +11,15 @@ use crate::scene::Scene;
 use crate::threads::in_pool;
 use anyhow::{Context as _, bail};
 use std::collections::BTreeMap;
+use std::path::Path;
 use wrt_core::legendre::Orders;
 use wrt_core::transport::{BlockOptions, Integrator as _};
 use wrt_core::{Keep, Levels, WctFile};
 
 /// Bakes, writes, and prints what came out.
 pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
-    let folder = args.output.parent().filter(|f| !f.as_os_str().is_empty());
-    if let Some(folder) = folder.filter(|f| !f.is_dir()) {
-        // Before the work, not after it.
-        bail!("{}: the folder {} does not exist", args.output.display(), folder.display());
-    }
-    let extension = args.output.extension().unwrap_or_default().to_ascii_lowercase();
-    if ["png", "exr", "gltf", "glb", "obj", "mtl"].iter().any(|known| extension == *known) {
-        bail!("{}: name it .wct", args.output.display());
-    }
+    // Before the work, not after it.
+    check_output(&args.output)?;
     let mut scene = super::load(&args.scene)?;
     super::light_windows(&mut scene, &args.weather)
         .with_context(|| format!("{}", args.scene.display()))?;
@@ -49,13 +44,7 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     } else {
         let Levels { position, direction } = options.levels;
         recorded.insert("levels".to_owned(), format!("{position},{direction}"));
-        recorded.insert(
-            "keep".to_owned(),
-            match options.keep {
-                Keep::RelativeError(error) => format!("relative error {error}"),
-                Keep::Count(count) => format!("{count} coefficients"),
-            },
-        );
+        recorded.insert(KEEP.to_owned(), keep::text(options.keep));
         let is_quantised = options.quantise && matches!(options.keep, Keep::RelativeError(_));
         let storage = if is_quantised { "quantised" } else { "raw" };
         recorded.insert("storage".to_owned(), storage.to_owned());
@@ -86,6 +75,26 @@ pub(crate) fn run(args: &cli::Bake) -> anyhow::Result<()> {
     file.write(&args.output).with_context(|| format!("writing {}", args.output.display()))?;
     let bytes = std::fs::metadata(&args.output).map_or(0, |m| m.len());
     say(table(&baked, &blocked, bytes, options.flight.as_ref()).trim_end())?;
+    Ok(())
+}
+
+/// Whether a `.wct` can be written to `path`.
+///
+/// # Errors
+///
+/// If it is a folder or in none, or named as another kind of file.
+pub(super) fn check_output(path: &Path) -> anyhow::Result<()> {
+    if path.is_dir() {
+        bail!("{} is a folder: name a .wct in it", path.display());
+    }
+    let folder = path.parent().filter(|f| !f.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|f| !f.is_dir()) {
+        bail!("{}: the folder {} does not exist", path.display(), folder.display());
+    }
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    if ["png", "exr", "gltf", "glb", "obj", "mtl"].iter().any(|known| extension == *known) {
+        bail!("{}: name it .wct", path.display());
+    }
     Ok(())
 }
 

@@ -1,13 +1,16 @@
 //! `tracer convert`: the same radiance, stored another way.
 
+use super::keep::{KEEP, in_words};
 use super::stdout::say;
 use crate::cli;
 use anyhow::{Context as _, ensure};
 use rayon::prelude::*;
+use std::collections::BTreeMap;
 use wrt_core::WctFile;
 
 /// Reads, converts, writes.
 pub(crate) fn run(args: &cli::Convert) -> anyhow::Result<()> {
+    super::bake::check_output(&args.output)?;
     let mut file =
         WctFile::read(&args.input).with_context(|| format!("reading {}", args.input.display()))?;
     ensure!(
@@ -15,6 +18,9 @@ pub(crate) fn run(args: &cli::Convert) -> anyhow::Result<()> {
         "{}: polynomials are as exact as they were baked: bake again with another --error",
         args.input.display()
     );
+    let length = |path| super::bytes(std::fs::metadata(path).map_or(0, |m| m.len()));
+    // The output may be the input.
+    let before = length(&args.input);
     file.patches.par_iter_mut().for_each(|patch| match args.error {
         Some(error) => {
             let (tree, quantisation) = patch.tree.quantised(error);
@@ -26,19 +32,31 @@ pub(crate) fn run(args: &cli::Convert) -> anyhow::Result<()> {
         }
         None => patch.tree = patch.tree.without_code(),
     });
-    if let (Some(error), Some(keep)) = (args.error, file.options.get_mut("keep")) {
-        keep.push_str(&format!(", of that relative error {error}"));
+    // A smooth patch has no other storage.
+    if !file.patches.is_empty() {
+        record(&mut file.options, args);
     }
-    let storage = if args.raw { "raw" } else { "quantised" };
-    file.options.insert("storage".to_owned(), storage.to_owned());
     file.write(&args.output).with_context(|| format!("writing {}", args.output.display()))?;
-    let bytes = |path| super::bytes(std::fs::metadata(path).map_or(0, |m| m.len()));
-    say(format_args!("{:<24} {} to {}", "file", bytes(&args.input), bytes(&args.output)))?;
-    let worst = file.patches.iter().map(|patch| patch.relative_error).fold(0.0, f64::max);
+    say(format_args!("{:<24} {before} to {}", "file", length(&args.output)))?;
+    let errors = file.patches.iter().map(|patch| patch.relative_error);
+    let worst = errors.chain(file.smooth.iter().map(|p| p.relative_error)).fold(0.0, f64::max);
     say(format_args!(
         "{:<24} {:.3} % relative L2, of the worst patch",
         "error of compression",
         100.0 * worst
     ))?;
     Ok(())
+}
+
+/// Brings the options of a file to what was made of it.
+fn record(options: &mut BTreeMap<String, String>, args: &cli::Convert) {
+    let storage = if args.raw { "raw" } else { "quantised" };
+    options.insert("storage".to_owned(), storage.to_owned());
+    let kept = options.get(KEEP).map(|keep| in_words(keep));
+    let keep = match (kept, args.error) {
+        (kept, None) => kept,
+        (None, Some(error)) => Some(format!("relative error {error}")),
+        (Some(kept), Some(error)) => Some(format!("{kept}, then relative error {error}")),
+    };
+    options.extend(keep.map(|keep| (KEEP.to_owned(), keep)));
 }

@@ -3,12 +3,14 @@
 mod matrix;
 mod smooth;
 
+use super::keep::{self, KEEP};
 use super::stdout::say;
 use crate::cli;
 use crate::film::{Display, Format, Tone};
 use anyhow::{Context as _, bail};
 use matrix::{Directions, Mosaic, Picture};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use wrt_core::wct_file::{ChartKind, Side};
 use wrt_core::{Levels, Patch, WctFile};
@@ -168,7 +170,7 @@ fn json(file: &WctFile, drawn: &[Drawn]) -> Value {
     json!({
         "generator": file.generator,
         "input_hash": file.input_hash,
-        "options": file.options,
+        "options": in_words(&file.options),
         "patches": file.patches.iter().map(patch).collect::<Vec<_>>(),
         "smooth_patches": file.smooth.iter().map(smooth::json).collect::<Vec<_>>(),
         "pictures": drawn.iter().map(picture).collect::<Vec<_>>(),
@@ -225,9 +227,10 @@ fn table(file: &WctFile) -> String {
         rows.push(row("all", "", String::new(), &file.patches));
     }
     let mut out = String::new();
+    let options = in_words(&file.options);
     for (what, value) in [("generator", &file.generator), ("input hash", &file.input_hash)]
         .into_iter()
-        .chain(file.options.iter().map(|(key, value)| (key.as_str(), value)))
+        .chain(options.iter().map(|(key, value)| (key.as_str(), value)))
     {
         out += &format!("{what:<12}  {value}\n");
     }
@@ -238,6 +241,15 @@ fn table(file: &WctFile) -> String {
         out += &aligned(&smooth::rows(&file.smooth));
     }
     out
+}
+
+/// The options of a file, as the program writes them now.
+fn in_words(options: &BTreeMap<String, String>) -> BTreeMap<String, String> {
+    let words = |(name, said): (&String, &String)| {
+        let said = if name == KEEP { keep::in_words(said) } else { said.clone() };
+        (name.clone(), said)
+    };
+    options.iter().map(words).collect()
 }
 
 /// Columns of equal width, the first two to the left.

@@ -6,6 +6,7 @@ pub(crate) mod convert;
 pub(crate) mod fly;
 pub(crate) mod inspect;
 mod interrupt;
+mod keep;
 pub(crate) mod render;
 pub(crate) mod report;
 pub(crate) mod report_integrators;
@@ -65,16 +66,41 @@ fn bar(length: u64, what: &'static str, unit: &str) -> ProgressBar {
     bar
 }
 
+/// So many of what has a plural in -s.
+fn count(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
 /// A size for people to read: 1.2 kB, 0.87 MB.
-fn bytes(count: u64) -> String {
-    match count {
-        0..1000 => format!("{count} bytes"),
-        1000..100_000 => format!("{:.1} kB", count as f64 / 1e3),
-        _ => format!("{:.2} MB", count as f64 / 1e6),
+fn bytes(n: u64) -> String {
+    match n {
+        0..1000 => count(n as usize, "byte"),
+        1000..100_000 => format!("{:.1} kB", n as f64 / 1e3),
+        _ => format!("{:.2} MB", n as f64 / 1e6),
     }
 }
 
 /// Writes `text` whole or not at all.
 fn save(path: &Path, text: &str) -> anyhow::Result<()> {
     write_aside(path, text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_have_a_digit_to_show() {
+        for (n, expected) in [
+            (0, "0 bytes"),
+            (1, "1 byte"),
+            (999, "999 bytes"),
+            (1000, "1.0 kB"),
+            (4321, "4.3 kB"),
+            (466_200, "0.47 MB"),
+            (8_930_000, "8.93 MB"),
+        ] {
+            assert_eq!(bytes(n), expected);
+        }
+    }
 }

@@ -1,10 +1,11 @@
 //! The JSON description. Fields are in alphabetical order: they are written in
 //! the order they are declared.
 
-use super::smooth::SmoothDescription;
+use super::smooth::{LEGENDRE, SmoothDescription};
 use crate::grid::Rgb;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
+use std::fmt;
 
 /// Which way the directions of a radiance point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
@@ -63,15 +64,36 @@ pub(super) struct Description {
 
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Basis {
-    pub(super) directions: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) directions: Option<String>,
     pub(super) family: String,
-    pub(super) order: u32,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) order: Option<u32>,
 }
 
 impl Basis {
-    /// The one basis there is so far.
+    /// That of [`Description::patches`].
     pub(super) fn haar() -> Self {
-        Self { directions: "nusselt".to_owned(), family: "haar".to_owned(), order: 1 }
+        Self { directions: Some("nusselt".to_owned()), family: "haar".to_owned(), order: Some(1) }
+    }
+
+    /// That of a file with none but [`Description::smooth_patches`], of which each says the
+    /// rest itself.
+    pub(super) fn smooth() -> Self {
+        Self { directions: None, family: LEGENDRE.to_owned(), order: None }
+    }
+}
+
+impl fmt::Display for Basis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.family)?;
+        if let Some(order) = self.order {
+            write!(f, " of order {order}")?;
+        }
+        if let Some(directions) = &self.directions {
+            write!(f, " over {directions}")?;
+        }
+        Ok(())
     }
 }
 

@@ -20,7 +20,7 @@
 //!
 //! | key | value |
 //! |---|---|
-//! | `basis` | `{"directions":"nusselt","family":"haar","order":1}`; another one is refused |
+//! | `basis` | of `patches`: `{"directions":"nusselt","family":"haar","order":1}`, or of a file with smooth patches alone `{"family":"legendre"}`, where earlier ones have the former; another one is refused |
 //! | `colour_space`, `units` | `"linear Rec. 709"`, `"W sr^-1 m^-2"`; others are refused |
 //! | `generator`, `input_hash` | what wrote the file, and of which input |
 //! | `options` | object of strings: how it was made |

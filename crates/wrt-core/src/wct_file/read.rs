@@ -108,10 +108,9 @@ impl Description {
         let unsupported = |what: &str, found: String, known: String| {
             Err(Error::Unsupported { what: what.to_owned(), found, known, offset: ALIGN as u64 })
         };
-        if self.basis != Basis::haar() {
-            let text =
-                |b: &Basis| format!("{} of order {} over {}", b.family, b.order, b.directions);
-            return unsupported("basis", text(&self.basis), text(&Basis::haar()));
+        let is_smooth = self.basis == Basis::smooth() && self.patches.is_empty();
+        if self.basis != Basis::haar() && !is_smooth {
+            return unsupported("basis", self.basis.to_string(), Basis::haar().to_string());
         }
         if self.colour_space != COLOUR_SPACE {
             return unsupported("colour_space", self.colour_space.clone(), COLOUR_SPACE.to_owned());

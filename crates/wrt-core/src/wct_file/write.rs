@@ -26,8 +26,9 @@ impl WctFile {
         let patches = self.patches.iter().map(|patch| describe(patch, &mut data)).collect();
         let smooth = self.smooth.iter().map(|patch| smooth::describe(patch, &mut data));
         let smooth_patches = smooth.collect();
+        let is_smooth = self.patches.is_empty() && !self.smooth.is_empty();
         let description = Description {
-            basis: Basis::haar(),
+            basis: if is_smooth { Basis::smooth() } else { Basis::haar() },
             colour_space: COLOUR_SPACE.to_owned(),
             generator: self.generator.clone(),
             input_hash: self.input_hash.clone(),
