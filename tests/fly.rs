@@ -4,14 +4,21 @@
 use crate::support::{Folder, chapel_wct, fail, scene, succeed, tracer};
 use serde_json::{Value, json};
 use std::fs;
+use std::process::Output;
 
 /// A flight of three pictures, 16x9.
-fn fly(folder: &Folder, more: &[&str]) -> Value {
+fn try_to_fly(folder: &Folder, more: &[&str]) -> Output {
     let (chapel, output) = (scene("chapel/chapel.gltf"), folder.path("frame.##.png"));
     let args = ["fly", &chapel, "--wct", chapel_wct(), "-o", &output, "--json"];
     let quick = ["--fps", "0.2", "--size", "16x9", "--samples", "1", "--emitter-grid", "1"];
-    let printed = succeed(&[&args[..], &quick, more].concat());
-    serde_json::from_str(&printed).expect("JSON")
+    tracer(&[&args[..], &quick, more].concat())
+}
+
+/// The same; what it prints.
+fn fly(folder: &Folder, more: &[&str]) -> Value {
+    let flown = try_to_fly(folder, more);
+    assert!(flown.status.success(), "{flown:?}");
+    serde_json::from_slice(&flown.stdout).expect("JSON")
 }
 
 #[test]
@@ -19,6 +26,7 @@ fn a_flight_goes_on_where_it_was_left() {
     let folder = Folder::new();
     let whole = fly(&folder, &[]);
     assert_eq!((&whole["rendered"], &whole["skipped"]), (&3.into(), &0.into()), "{whole}");
+    assert_eq!((&whole["interrupted"], &whole["left"]), (&false.into(), &0.into()), "{whole}");
     let frames = ["frame.00.png", "frame.01.png", "frame.02.png"];
     assert_eq!(folder.names(), frames);
     let bytes = |name: &str| fs::read(folder.path(name)).expect("a picture");
@@ -29,8 +37,13 @@ fn a_flight_goes_on_where_it_was_left() {
     let other = image::RgbImage::from_pixel(16, 9, image::Rgb([7, 8, 9]));
     other.save(folder.path(frames[0])).expect("a writable file");
     let other = bytes(frames[0]);
-    let rest = fly(&folder, &[]);
+    let flown = try_to_fly(&folder, &[]);
+    assert!(flown.status.success(), "{flown:?}");
+    let rest: Value = serde_json::from_slice(&flown.stdout).expect("JSON");
     assert_eq!((&rest["rendered"], &rest["skipped"]), (&1.into(), &2.into()), "{rest}");
+    let said = String::from_utf8(flown.stderr).expect("UTF-8 on stderr");
+    assert_eq!(said.matches("it does not say how it was made").count(), 1, "{said}");
+    assert!(said.contains("frame.00.png: it does not say"), "{said}");
     assert!(bytes(frames[1]) == middle, "another picture than before");
     assert!(bytes(frames[0]) == other, "rendered anew");
 }
@@ -60,6 +73,25 @@ fn pictures_of_other_settings_are_refused_by_name() {
     assert_eq!(folder.names(), ["frame.01.png"]);
 }
 
+/// Files of the same names with something else in them make other pictures.
+#[test]
+fn a_flight_does_not_go_on_from_other_files() {
+    let folder = Folder::new();
+    let (own, wct, output) = (folder.path("a.wct"), folder.path("b.wct"), folder.path("#.exr"));
+    fs::copy(chapel_wct(), &own).expect("a copy");
+    let chapel = scene("chapel/chapel.gltf");
+    let quick = ["--end", "0", "--size", "8x6", "--samples", "1", "--emitter-grid", "1"];
+    let args = [&["fly", &chapel, "--wct", &own, "-o", &output][..], &quick].concat();
+    succeed(&args);
+    succeed(&args);
+    succeed(&["convert", &own, "--error", "0.1", "-o", &wct]);
+    fs::rename(&wct, &own).expect("in its place");
+    let complaint = fail(1, &args);
+    let expected =
+        "0.exr: it is there already, made with other settings (another content of the wct)";
+    assert!(complaint.contains(expected), "{complaint}");
+}
+
 #[test]
 fn a_part_of_a_flight_becomes_a_video() {
     let folder = Folder::new();
@@ -84,22 +116,35 @@ fn a_part_of_a_flight_becomes_a_video() {
     let complaint = fail(1, &args);
     assert!(complaint.contains("frame.01.png: it is there already, 16x9 pixels"), "{complaint}");
     let frame = folder.path("frame.01.png");
-    let complaint = fail(1, &[&args[..], &["--size", "16x9", "--video", &frame]].concat());
+    let small = [&args[..], &["--size", "16x9"]].concat();
+    let complaint = fail(1, &[&small[..], &["--video", &frame]].concat());
     assert!(complaint.contains("that is one of the pictures"), "{complaint}");
+    // Other films are ffmpeg's to make, of the pictures that these flags ask for.
+    let film = folder.path("all.webp");
+    let complaint = fail(1, &[&small[..], &["--start", "1", "--video", &film]].concat());
+    let frames = folder.path("frame.%02d.png");
+    let expected = format!("ffmpeg -framerate 0.2 -start_number 1 -i {frames} {film}");
+    assert!(complaint.contains("name it .png or .apng"), "{complaint}");
+    assert!(complaint.contains(&expected), "{complaint}");
+    let apng = folder.path("all.apng");
+    fly(&folder, &["--start", "1", "--end", "2", "--video", &apng]);
+    let same = fs::read(&apng).expect("the video") == fs::read(&video).expect("the video");
+    assert!(same, "all.apng is not all.png");
 }
 
 #[cfg(target_os = "linux")] // for /proc
 mod stopped {
     use super::*;
-    use std::process::{Child, Command, Output, Stdio};
+    use std::process::{Child, Command, Stdio};
     use std::time::Duration;
 
     /// Starts a picture that takes minutes, in 4000 rows that take little each; there
     /// is stone wherever it looks.
-    fn start(output: &str) -> Child {
+    fn start(command: &str, output: &str, more: &[&str]) -> Child {
         Command::new(env!("CARGO_BIN_EXE_tracer"))
-            .args(["render", &scene("chapel/chapel.gltf"), "--wct", chapel_wct(), "-o", output])
+            .args([command, &scene("chapel/chapel.gltf"), "--wct", chapel_wct(), "-o", output])
             .args(["--size", "8x4000", "--samples", "1000", "--threads", "1"])
+            .args(more)
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .spawn()
@@ -107,8 +152,7 @@ mod stopped {
     }
 
     /// Sends `signal` to a picture in the making, once the program listens.
-    fn stopped_by(signal: &str, output: &str) -> Output {
-        let mut child = start(output);
+    fn stopped_by(signal: &str, mut child: Child) -> Output {
         while !listens(child.id()) {
             let ended = child.try_wait().expect("a child");
             assert!(ended.is_none(), "it ended before it listened: {ended:?}");
@@ -145,6 +189,20 @@ mod stopped {
         keeps_the_picture_that_was_there("-INT");
     }
 
+    #[test]
+    fn what_an_interrupted_flight_took_is_told_as_json() {
+        let folder = Folder::new();
+        let child = start("fly", &folder.path("#.png"), &["--fps", "0.2", "--json"]);
+        let ended = stopped_by("-INT", child);
+        let complaint = String::from_utf8_lossy(&ended.stderr);
+        assert_eq!(ended.status.code(), Some(1), "{complaint}");
+        assert!(complaint.contains("stopped with 0 pictures rendered and 3 left"), "{complaint}");
+        let told: Value = serde_json::from_slice(&ended.stdout).expect("JSON");
+        assert_eq!((&told["interrupted"], &told["left"]), (&true.into(), &3.into()), "{told}");
+        assert_eq!((&told["rendered"], &told["skipped"]), (&0.into(), &0.into()), "{told}");
+        assert_eq!(folder.names(), ["0.partial.png"]);
+    }
+
     /// As batch systems and service managers send it.
     #[test]
     fn a_request_to_terminate_keeps_the_picture_that_was_there() {
@@ -155,7 +213,7 @@ mod stopped {
         let folder = Folder::new();
         let output = folder.path("a.png");
         fs::write(&output, "hours of work").expect("a file");
-        let ended = stopped_by(signal, &output);
+        let ended = stopped_by(signal, start("render", &output, &[]));
         let complaint = String::from_utf8_lossy(&ended.stderr);
         assert_eq!(ended.status.code(), Some(1), "{complaint}");
         let left = complaint.split("a.partial.png: stopped with ").nth(1);
@@ -176,7 +234,7 @@ mod stopped {
         let folder = Folder::new();
         let output = folder.path("a.png");
         fs::write(&output, "hours of work").expect("a file");
-        stopped_by("-KILL", &output);
+        stopped_by("-KILL", start("render", &output, &[]));
         assert_eq!(folder.names(), ["a.png"]);
         assert_eq!(fs::read(&output).expect("still there"), b"hours of work");
     }

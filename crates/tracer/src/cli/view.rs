@@ -14,8 +14,8 @@ unlit materials.
 
 Not modelled: shadows of objects on surfaces with a patch; light from surface to \
 surface but by mirrors and glass; refraction of shadow rays; clearcoat, sheen, \
-volumes, skins, morph targets; here, in a still, the animations that `fly` shows. What a \
-file has of these is named in a warning.
+volumes, skins, morph targets. What a file has of these is named in a warning. What it \
+animates is where it is at rest: `tracer fly` shows cameras, meshes and lights in motion.
 
 A .exr holds radiance in R, G, B and, of each pixel's centre, albedo.R/G/B, normals \
 N.X/Y/Z, positions P.X/Y/Z, depth along the camera's axis Z, mesh numbers id and \
@@ -109,11 +109,12 @@ pub(crate) struct Fly {
     pub(crate) end: Option<usize>,
 
     /// Pictures to write, with one row of # for the number, such as
-    /// frame.####.png. Those that exist already are skipped.
+    /// frame.####.png. Those that exist already are skipped, unless they say that they
+    /// were made with other settings or from other files, which is an error.
     #[arg(short, long, value_name = "FILE")]
     pub(crate) output: String,
 
-    /// Animated PNG to make of the pictures, which must be .png themselves.
+    /// Animated PNG to make of the pictures, which must be .png themselves: .png or .apng.
     #[arg(long, value_name = "FILE")]
     pub(crate) video: Option<PathBuf>,
 
@@ -132,13 +133,14 @@ pub(crate) struct View {
     #[command(flatten)]
     pub(crate) weather: super::Weather,
 
-    /// Width and height in pixels; 960 wide and of the camera's shape if not given.
+    /// Width and height in pixels, each 65536 at most and 2^28 pixels together; 960 wide
+    /// and of the camera's shape if not given.
     #[arg(long, value_name = "WxH", value_parser = size)]
     pub(crate) size: Option<(usize, usize)>,
 
     /// Part to render: left, top, right and bottom in pixels, the latter two
     /// excluded. It is as in the whole picture.
-    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = crop)]
+    #[arg(long, value_name = "X0,Y0,X1,Y1", allow_hyphen_values = true, value_parser = crop)]
     pub(crate) crop: Option<[usize; 4]>,
 
     /// Camera rays per pixel; with --noise, at most.

@@ -1,5 +1,6 @@
 //! `tracer fly`: the pictures of a camera's flight, among what moves meanwhile.
 
+use super::count;
 use super::stdout::say;
 use super::video;
 use super::view::{Meter, Stage, crop, named, partial};
@@ -8,7 +9,7 @@ use crate::film::Format;
 use crate::scene::{Animation, Scene, flight};
 use anyhow::{Context as _, bail, ensure};
 use serde_json::{Value, json};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Renders the pictures that do not exist yet.
 pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
@@ -16,14 +17,7 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
     let format = Format::of(&pattern.path(0))?;
     if let Some(video) = &args.video {
         ensure!(format == Format::Png, "--video needs pictures that are .png");
-        let extension = video.extension().unwrap_or_default().to_ascii_lowercase();
-        ensure!(
-            extension == "png" || extension == "apng",
-            "{}: an animated PNG is named .png or .apng; for another kind see `tracer fly --help`",
-            video.display()
-        );
-        // Before the work: is its folder there?
-        Format::of(&video.with_extension("png"))?;
+        check_video(video, &pattern, args)?;
     }
     let mut stage = Stage::open(&args.scene, &args.view, |scene| {
         let animation = animation(scene, args)?;
@@ -54,21 +48,11 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
     }
     let (there, missing): (Vec<_>, Vec<_>) = wanted.iter().partition(|(path, _)| path.exists());
     let columns = args.view.crop.map_or(size.0, |[x0, _, x1, _]| x1 - x0);
-    keep(&stage, &animation, format, &there, (columns, rows))?;
-    let told = |meter: &Meter, rendered: usize, is_whole: bool| {
-        let mut fields = meter.fields();
-        fields["output"] = json!(args.output);
-        fields["animation"] = json!(animation.name);
-        fields["size"] = json!(size);
-        fields["rendered"] = json!(rendered);
-        fields["skipped"] = json!(there.len());
-        fields["seconds_a_picture"] = json!(meter.seconds() / rendered.max(1) as f64);
-        fields["interrupted"] = json!(!is_whole);
-        say(fields)
-    };
+    check_there(&stage, &animation, format, &there, (columns, rows))?;
     let bar = super::bar((missing.len() * rows) as u64, "flying", "rows");
     let meter = Meter::start();
     let mut rendered = 0;
+    let mut begun = None;
     for (path, time) in &missing {
         stage.pose(&animation, *time).with_context(|| format!("{}", args.scene.display()))?;
         let camera = flight::camera_at(&animation, &stage.scene, *time);
@@ -77,16 +61,8 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
             bar.inc(1);
         })?;
         if !picture.is_whole() {
-            let partial = picture.save_partial(path, stage.display())?;
-            bar.finish_and_clear();
-            if args.view.json {
-                told(&meter, rendered, false)?;
-            }
-            bail!(
-                "stopped with {rendered} pictures rendered and {} left, of which {} is begun; run the command again to go on",
-                missing.len() - rendered,
-                partial.display()
-            );
+            begun = Some(picture.save_partial(path, stage.display())?);
+            break;
         }
         picture.save(path, stage.display())?;
         // Of a flight that was stopped in it.
@@ -97,39 +73,75 @@ pub(crate) fn run(args: &cli::Fly) -> anyhow::Result<()> {
         }
     }
     bar.finish_and_clear();
-    if rendered < missing.len() {
-        if args.view.json {
-            told(&meter, rendered, false)?;
-        }
-        bail!(
-            "stopped with {rendered} pictures rendered and {} left; run the command again to go on",
-            missing.len() - rendered
-        );
-    }
-    if let Some(path) = &args.video {
+    let left = missing.len() - rendered;
+    if let Some(path) = args.video.as_ref().filter(|_| left == 0) {
         let frames: Vec<PathBuf> = wanted.iter().map(|(path, _)| path.clone()).collect();
         video::write(path, &frames, args.fps)?;
     }
-    if args.view.json {
-        return told(&meter, rendered, true);
-    }
     let each = meter.seconds() / rendered.max(1) as f64;
+    if args.view.json {
+        let mut fields = meter.fields();
+        fields["output"] = json!(args.output);
+        fields["animation"] = json!(animation.name);
+        fields["size"] = json!(size);
+        fields["rendered"] = json!(rendered);
+        fields["skipped"] = json!(there.len());
+        fields["left"] = json!(left);
+        fields["interrupted"] = json!(left > 0);
+        fields["seconds_a_picture"] = json!(each);
+        say(fields)?;
+    }
+    if left > 0 {
+        let begun = begun.map(|path| format!(", of which {} is begun", path.display()));
+        bail!(
+            "stopped with {} rendered and {left} left{}; run the command again to go on",
+            count(rendered, "picture"),
+            begun.unwrap_or_default()
+        );
+    }
+    if args.view.json {
+        return Ok(());
+    }
     say(format_args!(
-        "{}: {rendered} pictures rendered, {} were there, {:.2} million rays in {:.2} s, {each:.2} s a picture",
+        "{}: {} rendered, {} {} there, {:.2} million rays in {:.2} s, {each:.2} s a picture",
         args.output,
+        count(rendered, "picture"),
         there.len(),
+        if there.len() == 1 { "was" } else { "were" },
         meter.million_rays(),
         meter.seconds(),
     ))?;
     Ok(())
 }
 
-/// Finds out whether the pictures that are `there` can stay.
+/// Whether `path` names an animated PNG that can be written.
 ///
 /// # Errors
 ///
-/// If one is of another size or says that it was made with other settings.
-fn keep(
+/// If it does not, with the command that makes what it names of the pictures.
+fn check_video(path: &Path, pattern: &Pattern, args: &cli::Fly) -> anyhow::Result<()> {
+    let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
+    if extension == "png" {
+        return Format::of(path).map(|_| ());
+    }
+    let Pattern { before, digits, after } = pattern;
+    let cli::Fly { fps, start, .. } = args;
+    ensure!(
+        extension == "apng",
+        "--video {0}: what is written is an animated PNG: name it .png or .apng. ffmpeg makes other films of the pictures: ffmpeg -framerate {fps} -start_number {start} -i {before}%0{digits}d{after} {0}",
+        path.display()
+    );
+    // It is for its folder that is looked.
+    Format::of(&path.with_extension("png")).map(|_| ())
+}
+
+/// Finds out whether the pictures that are `there` can stay, and warns of such as do not say
+/// how they were made.
+///
+/// # Errors
+///
+/// If one is of another size or was made with other settings, or cannot be read; by name.
+fn check_there(
     stage: &Stage<'_>,
     animation: &Animation,
     format: Format,
@@ -137,7 +149,7 @@ fn keep(
     (columns, rows): (usize, usize),
 ) -> anyhow::Result<()> {
     let camera = &stage.scene.cameras[animation.camera];
-    let mut is_silent = false;
+    let mut silent = Vec::new();
     for (path, time) in there {
         let name = path.display();
         let found = format.size_of(path).with_context(|| format!("{name}"))?;
@@ -147,35 +159,46 @@ fn keep(
             found.0,
             found.1
         );
+        let found = format.settings_of(path).with_context(|| format!("{name}"))?;
+        let Some(found) = found.and_then(|found| serde_json::from_str(&found).ok()) else {
+            silent.push(path);
+            continue;
+        };
         let moment = (animation.name.clone(), *time);
-        let own = stage.settings(camera, format, Some(&moment));
-        let wanted = own.to_string();
-        match format.settings_of(path).with_context(|| format!("{name}"))? {
-            None => is_silent = true,
-            Some(found) => ensure!(
-                found == wanted,
-                "{name}: it is there already, made with other settings{}: remove it, or name the pictures otherwise",
-                difference(&found, &own)
-            ),
-        }
+        let differences = differences(&found, &stage.settings(camera, format, Some(&moment)));
+        ensure!(
+            differences.is_empty(),
+            "{name}: it is there already, made with other settings ({}): remove it, or name the pictures otherwise",
+            differences.join("; ")
+        );
     }
-    if is_silent {
+    if let Some(first) = silent.first() {
+        let more = match silent.len() - 1 {
+            0 => String::new(),
+            n => format!(", like {n} more"),
+        };
         eprintln!(
-            "tracer: warning: some pictures that are there do not say how they were made, and are left as they are"
+            "tracer: warning: {}: it does not say how it was made, and is left as it is{more}",
+            first.display()
         );
     }
     Ok(())
 }
 
-/// What of the settings of a picture is not as wanted, in brackets.
-fn difference(found: &str, wanted: &Value) -> String {
-    let Ok(Value::Object(found)) = serde_json::from_str(found) else { return String::new() };
-    let differs = |(key, wanted): (&String, &Value)| {
-        let found = found.get(key).unwrap_or(&Value::Null);
-        (found != wanted).then(|| format!("{key} {found}, not {wanted}"))
+/// In which settings a picture that was `found` is not as `wanted`.
+fn differences(found: &Value, wanted: &Value) -> Vec<String> {
+    // Numbers as they are read, to the last bit.
+    let wanted: Value = serde_json::from_str(&wanted.to_string()).unwrap_or_default();
+    let different = |(name, value): (&String, &Value)| {
+        let found = found.get(name).unwrap_or(&Value::Null);
+        // A hash means nothing to who reads it: that it is not the same is all there is to say.
+        let words = match name.strip_suffix("_content") {
+            Some(file) => format!("another content of the {file}"),
+            None => format!("{name} {found}, not {value}"),
+        };
+        (found != value).then_some(words)
     };
-    let all: Vec<String> = wanted.as_object().into_iter().flatten().filter_map(differs).collect();
-    if all.is_empty() { String::new() } else { format!(" ({})", all.join("; ")) }
+    wanted.as_object().into_iter().flatten().filter_map(different).collect()
 }
 
 /// The animation of the wanted name that the wanted camera sees.

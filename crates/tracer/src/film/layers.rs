@@ -47,7 +47,16 @@ const SETTINGS: &str = "\nsettings: ";
 impl Metadata {
     /// Lines of a file's comment.
     pub(super) fn comment(&self) -> String {
-        format!("camera: {}{SETTINGS}{}", self.camera, self.settings)
+        // The settings are the one line that is read back.
+        let camera = self.camera.replace(char::is_control, " ");
+        format!("camera: {camera}{SETTINGS}{}", self.settings)
+    }
+
+    /// The same in characters that OpenEXR's text has, one byte each: others are escaped in
+    /// the settings, as JSON has it, and `?` in the camera's name.
+    fn latin_comment(&self) -> String {
+        let camera = self.camera.replace(|c: char| c > '\u{ff}', "?");
+        Self { camera, settings: ascii(&self.settings), ..self.clone() }.comment()
     }
 
     /// The settings in a comment, if it has any.
@@ -130,7 +139,7 @@ fn attributes(metadata: Option<&Metadata>) -> anyhow::Result<LayerAttributes> {
         LayerAttributes { software_name: Some(Text::from(software)), ..LayerAttributes::default() };
     if let Some(metadata) = metadata {
         comments.push('\n');
-        comments.push_str(&metadata.comment());
+        comments.push_str(&metadata.latin_comment());
         // Of several in this map the order in the file would differ from run to run.
         let samples = i32::try_from(metadata.samples).context("too many samples")?;
         attributes.other = [("samplesPerPixel".into(), AttributeValue::I32(samples))].into();
@@ -141,6 +150,21 @@ fn attributes(metadata: Option<&Metadata>) -> anyhow::Result<LayerAttributes> {
     let comments = Text::new_or_none(&comments);
     attributes.comments = comments.or_else(|| Some(Text::from("linear Rec. 709")));
     Ok(attributes)
+}
+
+/// JSON with all beyond ASCII, which is in strings, as escapes.
+fn ascii(json: &str) -> String {
+    let mut text = String::with_capacity(json.len());
+    for c in json.chars() {
+        if c.is_ascii() {
+            text.push(c);
+        } else {
+            for unit in c.encode_utf16(&mut [0; 2]) {
+                text.push_str(&format!("\\u{unit:04x}"));
+            }
+        }
+    }
+    text
 }
 
 #[cfg(test)]

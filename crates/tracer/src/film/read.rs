@@ -107,6 +107,7 @@ fn read_exr(path: &Path) -> anyhow::Result<Film> {
 mod tests {
     use super::super::{Display, Tone};
     use super::*;
+    use serde_json::Value;
     use std::fs;
 
     #[test]
@@ -124,6 +125,27 @@ mod tests {
         let off = film.pixels.iter().zip(&read[1].pixels).map(|(a, b)| (*a - *b).abs());
         // Half of 1/255 at the slope of the sRGB curve's bright end.
         assert!(off.fold(Vec3::ZERO, Vec3::max).max_element() < 0.0045);
+    }
+
+    #[test]
+    fn names_of_any_script_do_not_lose_how_a_picture_was_made() {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let film = Film { width: 1, height: 1, pixels: vec![Vec3::ONE] };
+        let settings = r#"{"scene":"Grüße\n, 日 🙂.gltf","samples":4}"#;
+        let metadata = Metadata {
+            camera: "日\nsettings: none".to_owned(),
+            settings: settings.to_owned(),
+            ..Metadata::default()
+        };
+        for (name, format) in [("a.exr", Format::Exr), ("a.png", Format::Png)] {
+            let path = folder.path().join(name);
+            film.save_with(&path, Display::default(), None, Some(&metadata)).expect("written");
+            let found = format.settings_of(&path).expect("a picture").expect(name);
+            let found: Value = serde_json::from_str(&found).expect("JSON");
+            assert_eq!(found, serde_json::from_str::<Value>(settings).expect("JSON"), "{name}");
+            film.save(&path, Display::default()).expect("written");
+            assert_eq!(format.settings_of(&path).expect("a picture"), None, "{name}");
+        }
     }
 
     #[test]
