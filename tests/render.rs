@@ -196,6 +196,37 @@ fn the_reference_does_not_depend_on_the_threads_and_estimates_its_error() {
     assert!((0.7..1.4).contains(&(error / estimate)), "{error}, estimated {estimate}");
 }
 
+/// Under the same weather too: a bake of the overcast sky shows the same floor.
+#[test]
+fn a_reference_is_the_same_picture_with_the_same_layers() {
+    let folder = Folder::new();
+    let (quad, wct) = (scene("quad/quad.gltf"), folder.path("quad.wct"));
+    let sky = ["--sky", "overcast"];
+    succeed(&[&["bake", &quad, "-o", &wct, "--error", "0.02", "--checks", "0"], &sky[..]].concat());
+    let picture = |name: &str, how: &[&str]| {
+        let output = folder.path(name);
+        let args = ["render", &quad, "-o", &output, "--size", "24x18"];
+        succeed(&[&args[..], &sky, how].concat());
+        let headers = exr::meta::MetaData::read_from_file(&output, false).expect("a file").headers;
+        (Picture::exr(&output), headers.into_iter().next().expect("a header"))
+    };
+    let (baked, expected) = picture("baked.exr", &["--wct", &wct, "--samples", "4"]);
+    // Four passes of a point each: no more than four of the sixteen camera rays have one.
+    let (_, found) = picture("few.exr", &["--reference", "--spp", "16"]);
+    assert_eq!(found.channels, expected.channels);
+    let (found, expected) = (found.own_attributes, expected.own_attributes);
+    assert_eq!(found.world_to_camera, expected.world_to_camera);
+    assert_eq!(found.vertical_field_of_view, expected.vertical_field_of_view);
+    assert_eq!(found.other, expected.other, "samples a pixel");
+    let told = found.comments.expect("how it was made").to_string();
+    for part in ["camera: ", "\"scene\":\"quad.gltf\"", "\"reference\":{\"points\":16}"] {
+        assert!(told.contains(part), "{part} is not in {told}");
+    }
+    let (fine, _) = picture("fine.exr", &["--reference", "--spp", "1024", "--samples", "4"]);
+    let error = relative_rms(&fine.pixels, &baked.pixels);
+    assert!(error < 0.05, "{error}");
+}
+
 #[test]
 fn without_a_file_the_scene_is_baked_first() {
     let folder = Folder::new();

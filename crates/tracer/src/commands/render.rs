@@ -5,6 +5,7 @@ use super::view::{Meter, Stage, crop, named};
 use crate::cli;
 use crate::film::Format;
 use crate::reference::Target;
+use crate::scene::Scene;
 use anyhow::{Context as _, bail, ensure};
 use serde_json::json;
 
@@ -14,10 +15,7 @@ pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
     if args.reference.reference {
         return run_reference(args, format);
     }
-    let stage = Stage::open(&args.scene, &args.view, |scene| {
-        let camera = named(&scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")?;
-        crop(&args.view, camera).map(|_| ())
-    })?;
+    let stage = Stage::open(&args.scene, &args.view, |scene| check(scene, args))?;
     let camera = named(&stage.scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")
         .with_context(|| format!("{}", args.scene.display()))?;
     let (width, height) = stage.size(camera);
@@ -47,19 +45,26 @@ pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
         return Ok(());
     }
     say(format_args!(
-        "{output}: {width}x{height}, camera {}, {} patches, {:.2} million rays in {:.2} s",
+        "{output}: {width}x{height}, camera {}, {} {}, {:.2} million rays in {:.2} s",
         camera.name,
         stage.patches(),
+        if stage.patches() == 1 { "patch" } else { "patches" },
         meter.million_rays(),
         meter.seconds()
     ))?;
     Ok(())
 }
 
+/// Whether the camera and the crop are there.
+fn check(scene: &Scene, args: &cli::Render) -> anyhow::Result<()> {
+    let camera = named(&scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")?;
+    crop(&args.view, camera).map(|_| ())
+}
+
 /// Renders by sampling emitters, and prints the estimated error as well.
 fn run_reference(args: &cli::Render, format: Format) -> anyhow::Result<()> {
     ensure!(args.view.noise.is_none(), "--noise is not for --reference: use --error");
-    let stage = Stage::without_radiance(&args.scene, &args.view)?;
+    let stage = Stage::without_radiance(&args.scene, &args.view, |scene| check(scene, args))?;
     let camera = named(&stage.scene.cameras, args.camera.as_deref(), |c| &c.name, "camera")
         .with_context(|| format!("{}", args.scene.display()))?;
     let meter = Meter::start();

@@ -75,17 +75,7 @@ impl<'a> Stage<'a> {
         view: &'a cli::View,
         check: impl FnOnce(&Scene) -> anyhow::Result<()>,
     ) -> anyhow::Result<Self> {
-        let mut scene = super::load(path)?;
-        super::light_windows(&mut scene, &view.weather)
-            .with_context(|| format!("{}", path.display()))?;
-        if scene.meshes.iter().all(|mesh| mesh.triangles.is_empty()) {
-            eprintln!("tracer: warning: {}: nothing to see: no triangles", path.display());
-        } else if scene.light_default() {
-            eprintln!(
-                "tracer: the scene has no light: a default one shines from behind the first camera"
-            );
-        }
-        check(&scene).with_context(|| format!("{}", path.display()))?;
+        let scene = lit(path, view, check)?;
         let accel = Accel::new(&scene);
         let mut flight = None;
         let texture = match &view.wct {
@@ -107,9 +97,13 @@ impl<'a> Stage<'a> {
         Ok(Self { accel, scene, texture, view, path, stop, contents, moment, flight })
     }
 
-    /// Loads the scene to be rendered without wavelets.
-    pub(super) fn without_radiance(path: &Path, view: &'a cli::View) -> anyhow::Result<Self> {
-        let scene = super::load(path)?;
+    /// Loads the scene to be rendered without wavelets, as [`open`](Self::open) does.
+    pub(super) fn without_radiance(
+        path: &Path,
+        view: &'a cli::View,
+        check: impl FnOnce(&Scene) -> anyhow::Result<()>,
+    ) -> anyhow::Result<Self> {
+        let scene = lit(path, view, check)?;
         let (accel, contents) = (Accel::new(&scene), [content(Some(path)), None]);
         let (path, stop) = (path.to_owned(), super::interrupt::listen());
         let (flight, moment) = (Mutex::new(None), None);
@@ -186,11 +180,13 @@ impl<'a> Stage<'a> {
             Format::Exr => Some(layers(scene, accel, None, camera, &options.render)?),
         };
         let mut settings = self.settings(camera, format, None);
+        settings["samples"] = json!(estimate.samples);
         settings["reference"] = match target {
             Target::Samples(points) => json!({ "points": points }),
             Target::Error(error) => json!({ "error": error, "points": estimate.points }),
         };
-        let metadata = metadata(camera, &options.render, settings);
+        let sampled = RenderOptions { samples: estimate.samples, ..options.render };
+        let metadata = metadata(camera, &sampled, settings);
         Ok((Picture { film, layers, metadata, stats }, estimate))
     }
 
@@ -298,6 +294,27 @@ fn baked_in_memory(
     let options = super::bake::options(&cli::Accuracy::default(), false)?;
     let (baked, _) = super::bake::baked(scene, accel, &options, threads)?;
     WctTexture::bind(&baked.patches, &baked.smooth, scene).map(Some)
+}
+
+/// The scene under the weather that is asked for, once `check` has found what is to be
+/// seen in it.
+fn lit(
+    path: &Path,
+    view: &cli::View,
+    check: impl FnOnce(&Scene) -> anyhow::Result<()>,
+) -> anyhow::Result<Scene> {
+    let mut scene = super::load(path)?;
+    super::light_windows(&mut scene, &view.weather)
+        .with_context(|| format!("{}", path.display()))?;
+    if scene.meshes.iter().all(|mesh| mesh.triangles.is_empty()) {
+        eprintln!("tracer: warning: {}: nothing to see: no triangles", path.display());
+    } else if scene.light_default() {
+        eprintln!(
+            "tracer: the scene has no light: a default one shines from behind the first camera"
+        );
+    }
+    check(&scene).with_context(|| format!("{}", path.display()))?;
+    Ok(scene)
 }
 
 /// A hash of a file's content; the scene's other files, such as its textures, are not in it.

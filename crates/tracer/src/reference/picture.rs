@@ -35,6 +35,8 @@ pub(crate) struct ReferenceOptions {
 pub(crate) struct Estimate {
     /// Points a pixel that were taken.
     pub(crate) points: u64,
+    /// Camera rays a pixel that share them.
+    pub(crate) samples: u32,
     /// √(Σ variance / Σ L²) over the pixels that see a patch.
     pub(crate) relative: f64,
 }
@@ -77,11 +79,12 @@ pub(crate) fn render_reference(
             total = [total, stats].into_iter().sum();
             sum.add(film);
             if total.rows_left > 0 {
-                return Ok((sum.finish(0).0, total, Estimate { points: 0, relative: 1.0 }));
+                let none = Estimate { points: 0, samples: 0, relative: 1.0 };
+                return Ok((sum.finish(0, 0).0, total, none));
             }
         }
         let taken = u64::from(PASSES) * u64::from(points) * u64::from(render_options.samples);
-        let (film, estimate) = sum.finish(taken);
+        let (film, estimate) = sum.finish(taken, render_options.samples);
         let Target::Error(wanted) = options.target else { return Ok((film, total, estimate)) };
         if estimate.relative <= wanted || points == MOST_POINTS {
             return Ok((film, total, estimate));
@@ -106,7 +109,7 @@ impl Moments {
     }
 
     /// The mean, and the variance of the mean.
-    fn finish(mut self, points: u64) -> (Film, Estimate) {
+    fn finish(mut self, points: u64, samples: u32) -> (Film, Estimate) {
         let n = self.films.len() as f32;
         let mut mean = self.films.pop().expect("at least one pass");
         let last = mean.pixels.clone();
@@ -127,6 +130,6 @@ impl Moments {
             size += f64::from(x.dot(Vec3::ONE / 3.0 * *x));
         }
         let relative = if size > 0.0 { (error / size).sqrt() } else { 0.0 };
-        (mean, Estimate { points, relative })
+        (mean, Estimate { points, samples, relative })
     }
 }
