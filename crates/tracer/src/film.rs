@@ -55,8 +55,11 @@ impl Format {
     ///
     /// # Errors
     ///
-    /// An unknown extension, or a folder that is not there.
+    /// An unknown extension, a folder that is not there, or one of this name.
     pub(crate) fn of(path: &Path) -> anyhow::Result<Self> {
+        if path.is_dir() {
+            bail!("{} is a folder: name a .png or .exr in it", path.display());
+        }
         let extension = path.extension().unwrap_or_default().to_ascii_lowercase();
         let format = match extension.to_str() {
             Some("png") => Self::Png,
@@ -306,6 +309,7 @@ mod tests {
             message("no/such/folder/a.png"),
             "no/such/folder/a.png: the folder no/such/folder does not exist"
         );
+        assert_eq!(message("."), ". is a folder: name a .png or .exr in it");
         assert_eq!(Format::of(Path::new("a.exr")).expect("here"), Format::Exr);
     }
 }

@@ -18,20 +18,32 @@ mod threads;
 mod wct_texture;
 mod whitted;
 
-use clap::Parser as _;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    match run(&cli::Args::parse()) {
+    match run(&cli::Args::typed()) {
         Ok(()) => ExitCode::SUCCESS,
         // As of a program that SIGPIPE ends: whoever closed the pipe has what it wanted.
         Err(error) if error.is::<commands::Closed>() => ExitCode::from(commands::Closed::EXIT_CODE),
         Err(error) => {
-            // `{:#}` prints the chain on one line: what was being done, then why not.
-            eprintln!("tracer: {error:#}");
+            eprintln!("tracer: {}", on_one_line(&error));
             ExitCode::FAILURE
         }
     }
+}
+
+/// What was being done, then why not. Of errors that say what their cause says, and hand it
+/// on as well, once.
+fn on_one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if line.is_empty() {
+            line = cause;
+        } else if !line.ends_with(&cause) {
+            line = format!("{line}: {cause}");
+        }
+    }
+    line
 }
 
 fn run(args: &cli::Args) -> anyhow::Result<()> {
@@ -55,5 +67,19 @@ fn run(args: &cli::Args) -> anyhow::Result<()> {
             }
         },
         cli::Command::Transport(args) => commands::transport::run(args),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::{Context as _, anyhow};
+
+    #[test]
+    fn a_cause_is_told_once() {
+        let error = anyhow!("no such file").context("IO: no such file").context("reading a.exr");
+        assert_eq!(on_one_line(&error), "reading a.exr: IO: no such file");
+        let error = Err::<(), _>(anyhow!("b")).context("a").expect_err("one");
+        assert_eq!(on_one_line(&error), "a: b");
     }
 }

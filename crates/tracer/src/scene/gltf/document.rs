@@ -40,15 +40,15 @@ const IGNORABLE: &[&str] = &[
     "KHR_xmp_json_ld",
 ];
 
-/// Extensions without which there is nothing to show, and how to do without them.
+/// Extensions without which there is nothing to show, and how to export a file again.
 const REMEDIES: &[(&str, &str)] = &[
-    ("KHR_draco_mesh_compression", "export it again without Draco compression"),
-    ("EXT_meshopt_compression", "export it again without meshopt compression"),
-    ("KHR_meshopt_compression", "export it again without meshopt compression"),
-    ("KHR_texture_basisu", "export it again with PNG or JPEG textures in place of KTX2"),
-    ("EXT_texture_webp", "export it again with PNG or JPEG textures in place of WebP"),
-    ("EXT_texture_avif", "export it again with PNG or JPEG textures in place of AVIF"),
-    ("MSFT_texture_dds", "export it again with PNG or JPEG textures in place of DDS"),
+    ("KHR_draco_mesh_compression", "without Draco compression"),
+    ("EXT_meshopt_compression", "without meshopt compression"),
+    ("KHR_meshopt_compression", "without meshopt compression"),
+    ("KHR_texture_basisu", "with PNG or JPEG textures in place of KTX2"),
+    ("EXT_texture_webp", "with PNG or JPEG textures in place of WebP"),
+    ("EXT_texture_avif", "with PNG or JPEG textures in place of AVIF"),
+    ("MSFT_texture_dds", "with PNG or JPEG textures in place of DDS"),
 ];
 
 /// A part of a file's bytes.
@@ -101,15 +101,27 @@ fn check_extensions(value: &Value, warnings: &mut Warnings) -> anyhow::Result<()
     };
     let known = |name: &&str| SUPPORTED.contains(name) || IGNORABLE.contains(name);
     let required = names("extensionsRequired");
-    let unknown: Vec<&str> = required.into_iter().filter(|name| !known(name)).collect();
-    if !unknown.is_empty() {
-        let remedy = |name| REMEDIES.iter().find(|r| r.0 == name).map(|r| r.1);
-        let mut remedies: Vec<&str> = unknown.iter().filter_map(|&name| remedy(name)).collect();
-        if remedies.len() < unknown.len() {
-            remedies.push("export it again without");
+    let mut unknown: Vec<&str> = Vec::new();
+    for name in required.into_iter().filter(|name| !known(name)) {
+        if !unknown.contains(&name) {
+            unknown.push(name);
         }
-        remedies.dedup();
-        bail!("requires {}, not supported here: {}", unknown.join(", "), remedies.join("; "));
+    }
+    if !unknown.is_empty() {
+        let remedy = |name: &str| REMEDIES.iter().find(|r| r.0 == name).map(|r| r.1);
+        let mut without: Vec<String> = Vec::new();
+        for name in &unknown {
+            let remedy = match remedy(name) {
+                Some(remedy) => remedy.to_owned(),
+                None if unknown.len() == 1 => "without".to_owned(),
+                None => format!("without {name}"),
+            };
+            if !without.contains(&remedy) {
+                without.push(remedy);
+            }
+        }
+        let (unknown, without) = (unknown.join(", "), without.join(" and "));
+        bail!("requires {unknown}, not supported here: export it again {without}");
     }
     for name in names("extensionsUsed") {
         if !SUPPORTED.contains(&name) {
@@ -193,7 +205,16 @@ mod tests {
         }));
         let text = format!("{:#}", root.expect_err("two are unknown"));
         let expected = "requires KHR_draco_mesh_compression, EXT_x, not supported here: \
-                        export it again without Draco compression; export it again without";
+                        export it again without Draco compression and without EXT_x";
+        assert_eq!(text, expected);
+        let twice = ["KHR_draco_mesh_compression", "EXT_meshopt_compression"];
+        let all = [twice, twice, ["KHR_meshopt_compression"; 2]].concat();
+        let (root, _) =
+            parse_value(&json!({"asset": {"version": "2.0"}, "extensionsRequired": all}));
+        let text = format!("{:#}", root.expect_err("none is known"));
+        let expected = "requires KHR_draco_mesh_compression, EXT_meshopt_compression, \
+                        KHR_meshopt_compression, not supported here: export it again without \
+                        Draco compression and without meshopt compression";
         assert_eq!(text, expected);
     }
 
