@@ -2,7 +2,7 @@
 
 use crate::support::chapel::Chapel;
 use crate::support::picture::{Picture, relative_rms};
-use crate::support::{Folder, chapel_wct, fail, scene, succeed};
+use crate::support::{Folder, chapel_wct, fail, scene, succeed, tracer};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::fs;
@@ -181,7 +181,8 @@ fn the_reference_does_not_depend_on_the_threads_and_estimates_its_error() {
         let quick = ["--camera", "low", "--size", "60x45", "--samples", "2", "--threads", threads];
         let args = ["render", &chapel, "--reference", "-o", &output];
         let printed = succeed(&[&args[..], &quick, options].concat());
-        let estimate = printed.split("error ").nth(1).and_then(|rest| rest.split(' ').next());
+        // Of the points alone: the pictures have their camera rays in common.
+        let estimate = printed.split("of points ").nth(1).and_then(|rest| rest.split(' ').next());
         let estimate: f64 = estimate.expect("an estimate").parse().expect("a number");
         (fs::read(&output).expect("just written"), Picture::exr(&output), 0.01 * estimate)
     };
@@ -194,6 +195,29 @@ fn the_reference_does_not_depend_on_the_threads_and_estimates_its_error() {
     let of = |p: &Picture| -> Vec<[f64; 3]> { floor.iter().map(|&i| p.pixels[i]).collect() };
     let error = relative_rms(&of(&coarse), &of(&fine));
     assert!((0.7..1.4).contains(&(error / estimate)), "{error}, estimated {estimate}");
+}
+
+/// An error that too few camera rays keep from being reached is not said to be.
+#[test]
+fn camera_rays_are_part_of_the_error_asked_for() {
+    let folder = Folder::new();
+    let (facing, output) = (scene("facing/facing.gltf"), folder.path("a.exr"));
+    let picture = |options: &[&str]| {
+        let args = ["render", &facing, "--reference", "-o", &output, "--size", "48x36", "--json"];
+        let found = tracer(&[&args[..], options].concat());
+        assert!(found.status.success(), "{options:?}: {found:?}");
+        let found_json: Value = serde_json::from_slice(&found.stdout).expect("JSON");
+        (found_json, String::from_utf8(found.stderr).expect("UTF-8 on stderr"))
+    };
+    let (few, said) = picture(&["--error", "0.05", "--samples", "4"]);
+    let of = |found: &Value, what: &str| found[what].as_f64().expect("a number");
+    assert!(of(&few, "error_of_points") <= 0.05, "{few}");
+    assert!(of(&few, "error") > 0.05, "{few}");
+    let wanted = said.split("with 4 camera rays a pixel").nth(1).expect("the reason");
+    let wanted = wanted.split("--samples ").nth(1).expect("a remedy").trim();
+    let (many, said) = picture(&["--error", "0.05", "--samples", wanted]);
+    assert!(of(&many, "error") <= 0.05, "--samples {wanted}: {many}");
+    assert_eq!(said, "", "--samples {wanted}");
 }
 
 /// Under the same weather too: a bake of the overcast sky shows the same floor.

@@ -15,7 +15,7 @@ pub(crate) use convert::Convert;
 pub(crate) use inspect::Inspect;
 pub(crate) use report::{Everything, Integrators, Oracle, Rays, Report, ReportPart};
 pub(crate) use transport::Transport;
-pub(crate) use view::{Fly, Render, Tone, View};
+pub(crate) use view::{Fly, MOST_SAMPLES, Render, Tone, View};
 pub(crate) use weather::Weather;
 
 use clap::{CommandFactory as _, FromArgMatches as _, Parser, Subcommand};

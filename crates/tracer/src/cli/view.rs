@@ -19,8 +19,9 @@ animates is where it is at rest: `tracer fly` shows cameras, meshes and lights i
 
 A .exr holds radiance in R, G, B and, of each pixel's centre, albedo.R/G/B, normals \
 N.X/Y/Z, positions P.X/Y/Z, depth along the camera's axis Z, mesh numbers id and \
-places on patches wct-uv.U/V and the relative error wct-error of their radiance. Of a \
-crop it is the data window, in the whole picture's display window.";
+places on patches wct-uv.U/V and the relative error wct-error of their radiance, \
+these -1 off patches and all over with --reference, which has none. Of a crop it is the \
+data window, in the whole picture's display window.";
 
 /// How pictures become a film, for `--help`.
 const FILM: &str = "\
@@ -30,6 +31,9 @@ A film from the pictures, for example:
 
 Ctrl-C finishes the rows begun and leaves the picture as far as it is beside the \
 others, as frame.0012.partial.png; run the command again to go on.";
+
+/// Camera rays that a pixel may have.
+pub(crate) const MOST_SAMPLES: u32 = 1 << 16;
 
 #[derive(Debug, ClapArgs)]
 #[command(after_long_help = MODELLED)]
@@ -57,11 +61,13 @@ pub(crate) struct Render {
 #[command(next_help_heading = "Reference")]
 pub(crate) struct Reference {
     /// Sample the emitters for every camera ray instead of looking patches up,
-    /// and print an estimate of the error.
+    /// and print an estimate of the error: of the points sampled, and of there being so
+    /// many camera rays a pixel.
     ///
     /// The same light as in a bake: straight from emitters to receivers, with
-    /// nothing in between, so no object throws a shadow on a receiver. All else is
-    /// as without this option: what differs is the error of the wavelets.
+    /// nothing in between, so no object throws a shadow on a receiver. All else, the
+    /// camera rays among it, is as without this option: what differs is the error of the
+    /// wavelets.
     #[arg(long, conflicts_with = "wct")]
     pub(crate) reference: bool,
 
@@ -74,8 +80,8 @@ pub(crate) struct Reference {
     /// Sample until the relative RMS error of the pixels that show a receiver is
     /// estimated to be below E, such as 0.01, instead of so many points.
     ///
-    /// It is that of the light on the receivers as the camera rays meet them: what more
-    /// rays (--samples) would show at edges and in textures is not in it.
+    /// The error is that of the points and of the camera rays together. The latter stay as
+    /// many as --samples says; where they are too few, a warning says how many to try.
     #[arg(long, value_name = "E", requires = "reference", conflicts_with = "spp",
           value_parser = error)]
     pub(crate) error: Option<f64>,
@@ -145,7 +151,7 @@ pub(crate) struct View {
 
     /// Camera rays per pixel; with --noise, at most.
     #[arg(long, value_name = "N", default_value_t = 16,
-          value_parser = clap::value_parser!(u32).range(1..=65_536))]
+          value_parser = clap::value_parser!(u32).range(1..=i64::from(MOST_SAMPLES)))]
     pub(crate) samples: u32,
 
     /// Sample each pixel as often as its standard error needs to be this part of its

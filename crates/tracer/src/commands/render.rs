@@ -1,10 +1,11 @@
 //! `tracer render`: a scene and a `.wct` file to a picture.
 
+use super::count;
 use super::stdout::say;
 use super::view::{Meter, Stage, crop, named};
 use crate::cli;
 use crate::film::Format;
-use crate::reference::Target;
+use crate::reference::{Estimate, Target};
 use crate::scene::Scene;
 use anyhow::{Context as _, bail, ensure};
 use serde_json::json;
@@ -78,25 +79,56 @@ fn run_reference(args: &cli::Render, format: Format) -> anyhow::Result<()> {
         })
         .with_context(|| format!("{}", args.scene.display()))?;
     bar.finish_and_clear();
-    let stats = &picture.stats;
     if !picture.is_whole() {
         let partial = picture.save_partial(&args.output, stage.display())?;
         bail!("{}: stopped before its end: too dark in places", partial.display());
     }
     picture.save(&args.output, stage.display())?;
-    say(format_args!(
-        "{}: {width}x{height}, camera {}, {} points a pixel, {:.2} million rays in {:.2} s, error {:.3} % relative RMS, estimated",
-        args.output.display(),
-        camera.name,
-        estimate.points,
-        stats.rays as f64 / 1e6,
-        meter.seconds(),
-        100.0 * estimate.relative
-    ))?;
-    if let Some(wanted) = args.reference.error.filter(|wanted| estimate.relative > *wanted) {
-        eprintln!(
-            "tracer: warning: --error {wanted} is not reached with the most points there are"
-        );
+    let output = args.output.display();
+    if args.view.json {
+        let mut fields = meter.fields();
+        fields["output"] = json!(output.to_string());
+        fields["camera"] = json!(camera.name);
+        fields["size"] = json!([width, height]);
+        fields["samples"] = json!(picture.stats.samples);
+        fields["points"] = json!(estimate.points);
+        fields["error"] = json!(estimate.relative());
+        fields["error_of_points"] = json!(estimate.emitters);
+        fields["error_of_camera_rays"] = json!(estimate.rays);
+        say(fields)?;
+    } else {
+        let percent = |x: f64| format!("{:.3} %", 100.0 * x);
+        say(format_args!(
+            "{output}: {width}x{height}, camera {}, {} points a pixel, {:.2} million rays in {:.2} s, error {} relative RMS, estimated: of points {}, of camera rays {}",
+            camera.name,
+            estimate.points,
+            picture.stats.rays as f64 / 1e6,
+            meter.seconds(),
+            percent(estimate.relative()),
+            percent(estimate.emitters),
+            percent(estimate.rays),
+        ))?;
+    }
+    if let Some(wanted) = args.reference.error {
+        warn_of_error(&estimate, wanted);
     }
     Ok(())
+}
+
+/// Says what keeps the error above what is wanted.
+fn warn_of_error(estimate: &Estimate, wanted: f64) {
+    let Estimate { samples, emitters, rays, .. } = *estimate;
+    if estimate.relative() <= wanted {
+        return;
+    }
+    let why = if rays <= emitters {
+        "with the most points there are".to_owned()
+    } else if samples >= cli::MOST_SAMPLES {
+        "with the most camera rays there are".to_owned()
+    } else {
+        let more = estimate.samples_for(wanted).clamp(samples + 1, cli::MOST_SAMPLES);
+        let (taken, percent) = (count(samples as usize, "camera ray"), 100.0 * rays);
+        format!("with {taken} a pixel, of which {percent:.3} % is: try --samples {more}")
+    };
+    eprintln!("tracer: warning: --error {wanted} is not reached {why}");
 }
