@@ -136,11 +136,15 @@ fn a_failed_bake_leaves_the_old_file() {
     let expected = format!("{nowhere}: the folder {} does not exist", folder.path("no"));
     assert!(complaint.contains(&expected), "{complaint}");
 
-    // A folder of the output's name cannot be replaced by a file, whoever asks.
     let taken = folder.path("taken.wct");
     fs::create_dir(&taken).expect("a folder");
     let complaint = fail(1, &["bake", &facing, "--level", "1", "-o", &taken]);
-    assert!(complaint.starts_with(&format!("tracer: writing {taken}: ")), "{complaint}");
+    assert_eq!(complaint, format!("tracer: {taken} is a folder: name a .wct in it\n"));
+
+    // More than a file's name may have, which only writing it finds.
+    let long = folder.path(&format!("{}.wct", "a".repeat(300)));
+    let complaint = fail(1, &["bake", &facing, "--level", "1", "-o", &long]);
+    assert!(complaint.starts_with(&format!("tracer: writing {long}: ")), "{complaint}");
 
     assert_eq!(fs::read(&old).expect("still there"), b"old");
     assert_eq!(folder.names(), ["dark.gltf", "old.wct", "taken.wct"], "leftovers");

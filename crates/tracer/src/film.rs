@@ -283,13 +283,16 @@ mod tests {
     #[test]
     fn failed_write_leaves_the_old_file_and_no_other() {
         let folder = tempfile::tempdir().expect("a temporary folder");
-        // A folder by that name cannot be replaced by a file.
         let path = folder.path().join("taken.png");
         fs::create_dir(&path).expect("a folder");
         fs::write(path.join("old"), "old").expect("a file in it");
         let error = gradient().save(&path, Display::default()).expect_err("a folder is there");
-        assert!(format!("{error:#}").contains("taken.png"), "{error:#}");
+        assert!(format!("{error:#}").contains("taken.png is a folder"), "{error:#}");
         assert_eq!(fs::read(path.join("old")).expect("still there"), b"old");
+        // More than a file's name may have, which only writing it finds.
+        let long = folder.path().join(format!("{}.png", "a".repeat(300)));
+        let error = gradient().save(&long, Display::default()).expect_err("too long a name");
+        assert!(format!("{error:#}").starts_with("writing "), "{error:#}");
         assert_eq!(fs::read_dir(folder.path()).expect("readable").count(), 1, "leftovers");
         // An image that cannot be encoded does not touch the old one.
         let path = folder.path().join("a.png");
