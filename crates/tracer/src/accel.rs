@@ -12,6 +12,7 @@
 //! nor on how wide the machine's registers are.
 
 mod block;
+mod each;
 mod fan;
 mod wide;
 
@@ -60,6 +61,15 @@ pub(crate) struct Hit {
     pub(crate) front: bool,
     /// Which part of what is behind it is hidden; never 0.
     pub(crate) opacity: f32,
+}
+
+/// A ray, from a distance on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ray {
+    pub(crate) origin: DVec3,
+    /// Unit.
+    pub(crate) direction: DVec3,
+    pub(crate) from: f64,
 }
 
 /// What a ray meets, before anything is known of the place but where it is.
@@ -345,7 +355,7 @@ impl Accel {
         if near > far {
             return None;
         }
-        let reach = ((far - near) as f32).next_up() + PADDING;
+        let reach = (((far - near) as f32).next_up() + PADDING).min(f32::MAX);
         Some(Entered {
             slabs: SlabRay::new(origin + near * direction, inverse, reach),
             sheared: ShearedRay::new(origin, direction),

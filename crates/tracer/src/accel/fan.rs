@@ -52,7 +52,7 @@ impl Accel {
             },
         );
         for ray in bits(alone) {
-            found[ray] = self.find_with(simd, origin, directions[ray], 0.0, f64::INFINITY);
+            found[ray] = self.find(origin, directions[ray], 0.0, f64::INFINITY);
         }
     }
 

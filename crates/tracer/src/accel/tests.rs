@@ -209,6 +209,56 @@ fn rays_from_one_point_find_what_each_finds_alone() {
     assert!(met > 100_000 && clear.iter().all(|n| *n > 5_000), "{met} hits, {clear:?} shadows");
 }
 
+/// Rays that share nothing: from inside, outside, a vertex and far away, at vertices, edges,
+/// faces and past the scene, some from beyond their first hit on.
+#[test]
+fn rays_side_by_side_find_what_each_finds_alone() {
+    let scene = bumpy_sphere(DVec3::new(3.0, -2.0, 7.0), 2.0);
+    let accel = Accel::new(&scene);
+    let mesh = &scene.meshes[0];
+    let eyes = [
+        DVec3::new(3.0, -2.0, 7.0),
+        mesh.positions[700],
+        DVec3::new(3.0, 4.0, 7.0),
+        DVec3::new(40.0, 20.0, -30.0),
+        DVec3::new(1e9, -1e9, 1e8),
+        DVec3::new(1e60, 1e58, -1e60),
+    ];
+    let ray = |i: usize| {
+        let eye = eyes[i % eyes.len()];
+        let [a, b, c] = mesh.triangles[i * 1009 % mesh.triangles.len()];
+        let [a, b, c] = [a, b, c].map(|k| mesh.positions[k as usize]);
+        let middle = (a + b + c) / 3.0;
+        let target = match i % 7 {
+            0 => a,
+            1 | 2 => a.lerp(b, (i as f64 * 0.618).fract()),
+            3 => eye + DVec3::new(-0.0, 1.0, 0.0),
+            4 => 2.0 * eye - middle,
+            _ => middle,
+        };
+        let direction = (target - eye).try_normalize()?;
+        let from = if i % 3 == 0 { eye.distance(target) } else { 0.0 };
+        Some(Ray { origin: eye, direction, from })
+    };
+    let rays: Vec<Ray> = (0..20_000).filter_map(ray).collect();
+    let mut found = Vec::new();
+    let (mut met, mut rest, mut sizes) = (0, &rays[..], (0..=70).cycle());
+    while !rest.is_empty() {
+        let (some, others) = rest.split_at(sizes.next().map_or(1, |n: usize| n.min(rest.len())));
+        rest = others;
+        accel.find_each(some, &mut found);
+        assert_eq!(found.len(), some.len());
+        for (found, ray) in found.iter().zip(some) {
+            let hit = found.as_ref().map(|found| accel.hit(found, ray.direction));
+            let alone = accel.closest(ray.origin, ray.direction, ray.from, f64::INFINITY);
+            assert_eq!(hit, alone, "{ray:?}");
+            met += usize::from(hit.is_some());
+        }
+    }
+    let share = met as f64 / rays.len() as f64;
+    assert!((0.3..0.9).contains(&share), "{met} of {} meet something", rays.len());
+}
+
 #[test]
 fn hit_is_where_the_ray_and_the_triangle_say() {
     let a = [DVec3::new(1.0, 2.0, -3.0), DVec3::new(4.0, 2.5, -3.5), DVec3::new(1.5, 6.0, -4.0)];
@@ -293,7 +343,7 @@ fn every_instruction_set_finds_the_same() {
         best.as_avx2().map(Level::Avx2),
         best.as_avx512().map(Level::Avx512),
     ];
-    let rays = |accel: &Accel| -> Vec<_> {
+    let rays = |accel: &Accel| {
         let ray = |i: u32| {
             // Two irrational steps fill the sphere of directions.
             let z = 2.0 * (f64::from(i) * 0.618_033_988_749_895).fract() - 1.0;
@@ -304,10 +354,24 @@ fn every_instruction_set_finds_the_same() {
             let hit = accel.closest(eye, (target - eye).normalize(), 0.0, f64::INFINITY);
             (hit, accel.visibility(eye, target))
         };
-        (0..5000).map(ray).collect()
+        let alone: Vec<_> = (0..5000).map(ray).collect();
+        let side_by_side = |i: u32| {
+            let angle = f64::from(i);
+            let origin = DVec3::new(3.0 + 2.0 * angle.cos(), -1.0, 2.0 + 2.0 * angle.sin());
+            let direction = DVec3::new(-angle.cos(), 0.5 * (7.0 * angle).sin(), -angle.sin());
+            Ray { origin, direction: direction.normalize(), from: 0.0 }
+        };
+        let others: Vec<Ray> = (0..5000).map(side_by_side).collect();
+        let mut found = Vec::new();
+        accel.find_each(&others, &mut found);
+        let hit = |(found, ray): (&Option<Found>, &Ray)| {
+            found.as_ref().map(|found| accel.hit(found, ray.direction))
+        };
+        (alone, found.iter().zip(&others).map(hit).collect::<Vec<_>>())
     };
     let expected = rays(&accel);
-    assert!(expected.iter().filter(|(hit, _)| hit.is_some()).count() > 2000, "too few hits");
+    assert!(expected.0.iter().filter(|(hit, _)| hit.is_some()).count() > 2000, "too few hits");
+    assert!(expected.1.iter().flatten().count() > 2000, "too few hits side by side");
     for level in sets.into_iter().flatten() {
         accel.level = level;
         assert_eq!(rays(&accel), expected, "{level:?}");

@@ -5,11 +5,12 @@
 //! compiled for SSE2, and must take the triangles one at a time.
 
 mod collapse;
+pub(super) mod each;
 pub(super) mod fan;
 
 use super::LANES;
 use collapse::Collapse;
-use fearless_simd::{f32x8, prelude::*};
+use fearless_simd::{f32x8, mask32x8, prelude::*};
 use glam::{DVec3, Vec3A};
 use obvhs::{BvhBuildParams, aabb::Aabb, bvh2::builder::build_bvh2, ploc::PlocSearchDistance};
 use std::time::Duration;
@@ -20,7 +21,8 @@ const WIDTH: usize = 8;
 /// Marks a child that is a block of triangles.
 const BLOCK: u32 = 1 << 31;
 
-/// Boxes of eight children, by plane; what is missing has an empty box.
+/// Boxes of eight children, by plane; what is missing has a box at infinity, out of all
+/// rays' reach.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 struct Node {
@@ -31,10 +33,32 @@ struct Node {
 }
 
 impl Node {
-    const EMPTY: Self = {
-        let empty = [[f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]];
-        Self { planes: [empty; 3], children: [0; WIDTH] }
-    };
+    const EMPTY: Self = { Self { planes: [[[f32::INFINITY; WIDTH]; 2]; 3], children: [0; WIDTH] } };
+
+    /// Where a ray up to the finite distance `reach` enters the boxes, and which of them it
+    /// meets.
+    #[inline(always)]
+    fn meets<S: Simd>(&self, simd: S, ray: &SlabRay, reach: f32) -> (f32x8<S>, mask32x8<S>) {
+        let splat = |x: f32| f32x8::splat(simd, x);
+        let (inverse, offset) = (ray.inverse, ray.offset);
+        let [x, y, z] = &self.planes;
+        let [x0, x1] = slab(simd, x, inverse.x, offset.x);
+        let [y0, y1] = slab(simd, y, inverse.y, offset.y);
+        let [z0, z1] = slab(simd, z, inverse.z, offset.z);
+        let near = x0.max(y0).max(z0.max(splat(0.0)));
+        let far = x1.min(y1).min(z1.min(splat(reach)));
+        (near, near.simd_le(far))
+    }
+}
+
+/// Where a ray enters and leaves the slabs between planes. Which it meets first is not known
+/// beforehand: to look that up would take longer.
+#[inline(always)]
+fn slab<S: Simd>(simd: S, planes: &[[f32; WIDTH]; 2], inverse: f32, offset: f32) -> [f32x8<S>; 2] {
+    let (inverse, offset) = (f32x8::splat(simd, inverse), f32x8::splat(simd, offset));
+    let low = f32x8::load_array_ref(simd, &planes[0]).mul_sub(inverse, offset);
+    let high = f32x8::load_array_ref(simd, &planes[1]).mul_sub(inverse, offset);
+    [low.min(high), low.max(high)]
 }
 
 /// The nodes; the first is the root. Empty for an empty scene.
@@ -57,12 +81,13 @@ pub(super) struct SlabRay {
     inverse: Vec3A,
     /// Origin over direction.
     offset: Vec3A,
-    /// Whether the high plane is met first, by axis.
-    backward: [bool; 3],
     reach: f32,
 }
 
 impl SlabRay {
+    /// None at all.
+    pub(super) const NONE: Self = Self { inverse: Vec3A::ZERO, offset: Vec3A::ZERO, reach: 0.0 };
+
     /// The part of a ray from `origin` up to the distance `reach`, by one over its
     /// direction.
     #[inline(always)]
@@ -70,12 +95,7 @@ impl SlabRay {
         // A component below 10⁻¹⁸ moves no point of the scaled scene by as much
         // as rounding does, and its inverse keeps all products finite.
         let inverse = inverse.clamp(DVec3::splat(-1e18), DVec3::splat(1e18));
-        Self {
-            inverse: inverse.as_vec3a(),
-            offset: (origin * inverse).as_vec3a(),
-            backward: (inverse.cmplt(DVec3::ZERO)).into(),
-            reach,
-        }
+        Self { inverse: inverse.as_vec3a(), offset: (origin * inverse).as_vec3a(), reach }
     }
 }
 
@@ -136,25 +156,14 @@ impl Wide {
         if self.nodes.is_empty() {
             return;
         }
-        let splat = |x: f32| f32x8::splat(simd, x);
-        let inverse = [splat(ray.inverse.x), splat(ray.inverse.y), splat(ray.inverse.z)];
-        let offset = [splat(ray.offset.x), splat(ray.offset.y), splat(ray.offset.z)];
-        let zero = splat(0.0);
-        let [x, y, z] = ray.backward.map(usize::from);
         let mut reach = ray.reach;
         let mut stack = Stack::default();
         let mut current = 0_u32;
         loop {
             if current & BLOCK == 0 {
                 let node = &self.nodes[current as usize];
-                let [px, py, pz] = &node.planes;
-                let plane = |planes: &[f32; WIDTH], axis: usize| {
-                    f32x8::load_array_ref(simd, planes).mul_sub(inverse[axis], offset[axis])
-                };
-                let near = plane(&px[x], 0).max(plane(&py[y], 1)).max(plane(&pz[z], 2).max(zero));
-                let far = plane(&px[1 - x], 0).min(plane(&py[1 - y], 1)).min(plane(&pz[1 - z], 2));
-                let far = far.min(splat(reach));
-                let mut met = near.simd_le(far).to_bitmask() as u32;
+                let (near, met) = node.meets(simd, ray, reach);
+                let mut met = met.to_bitmask() as u32;
                 if met != 0 {
                     let near: [f32; WIDTH] = near.into();
                     let mut take = || {

@@ -3,11 +3,12 @@
 //! Two sets on one mesh, a bumpy sphere: camera rays in the order of the pixels,
 //! and rays that leave what those hit in random directions about the normal, in
 //! random order. All look for what they meet first: which triangle, and where on it.
-//! Camera rays do both together, as neighbouring pixels' do, and one by one.
+//! Camera rays do so together, as neighbouring pixels' do, and one by one; the others side
+//! by side, as rays from mirrors and glass do, and one by one.
 //! `tests/embree_rays.py` measures Embree with the same mesh and rays.
 
 use super::stdout::say;
-use crate::accel::Accel;
+use crate::accel::{Accel, Ray};
 use crate::camera::Pinhole;
 use crate::cli::Rays;
 use crate::scene::{Camera, Material, Mesh, Projection, Scene};
@@ -20,8 +21,6 @@ use serde_json::json;
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
 use std::time::Instant;
-
-type Ray = (DVec3, DVec3);
 
 /// Measures and prints one line of JSON.
 pub(crate) fn run(args: &Rays) -> anyhow::Result<()> {
@@ -44,10 +43,11 @@ fn measure(args: &Rays) -> anyhow::Result<()> {
         "threads": rayon::current_num_threads(),
         "build_seconds": build,
     });
-    let sets: [(&str, &[Ray], Count); 3] = [
+    let sets: [(&str, &[Ray], Count); 4] = [
         ("primary", &primary, together),
         ("primary_one_by_one", &primary, one_by_one),
-        ("diffuse", &diffuse, one_by_one),
+        ("diffuse", &diffuse, side_by_side),
+        ("diffuse_one_by_one", &diffuse, one_by_one),
     ];
     for (name, rays, count) in sets {
         let mut rates = Vec::new();
@@ -75,16 +75,21 @@ fn measure(args: &Rays) -> anyhow::Result<()> {
 type Count = fn(&Accel, &[Ray]) -> usize;
 
 fn one_by_one(accel: &Accel, rays: &[Ray]) -> usize {
-    let hits =
-        |(origin, direction): &&Ray| accel.find(*origin, *direction, 0.0, f64::INFINITY).is_some();
+    let hits = |ray: &&Ray| accel.find(ray.origin, ray.direction, 0.0, f64::INFINITY).is_some();
     rays.iter().filter(hits).count()
+}
+
+fn side_by_side(accel: &Accel, rays: &[Ray]) -> usize {
+    let mut found = Vec::new();
+    accel.find_each(rays, &mut found);
+    found.iter().flatten().count()
 }
 
 /// Of rays from one point.
 fn together(accel: &Accel, rays: &[Ray]) -> usize {
-    let directions: Vec<DVec3> = rays.iter().map(|ray| ray.1).collect();
+    let directions: Vec<DVec3> = rays.iter().map(|ray| ray.direction).collect();
     let mut found = Vec::new();
-    accel.find_of(rays[0].0, &directions, &mut found);
+    accel.find_of(rays[0].origin, &directions, &mut found);
     found.iter().flatten().count()
 }
 
@@ -131,7 +136,10 @@ fn primary(count: usize) -> Vec<Ray> {
     };
     let pinhole = Pinhole::new(&camera, side, side);
     let at = |i: usize| (i as f64 + 0.5) / side as f64;
-    let ray = |i: usize| single(pinhole.ray(at(i % side), at(i / side)));
+    let ray = |i: usize| {
+        let (origin, direction) = pinhole.ray(at(i % side), at(i / side));
+        single(origin, direction)
+    };
     (0..side * side).map(ray).collect()
 }
 
@@ -145,14 +153,14 @@ fn diffuse(accel: &Accel, rays: &[Ray]) -> Vec<Ray> {
         (state >> 11) as f64 / (1_u64 << 53) as f64
     };
     let mut leaving = Vec::with_capacity(rays.len());
-    for &(origin, direction) in rays {
+    for &Ray { origin, direction, .. } in rays {
         let Some(hit) = accel.closest(origin, direction, 0.0, f64::INFINITY) else { continue };
         let (z, azimuth) = (2.0 * random() - 1.0, TAU * random());
         let r = (1.0 - z * z).sqrt();
         // A point of the sphere on the normal's tip.
         let about = hit.normal + DVec3::new(r * azimuth.cos(), r * azimuth.sin(), z);
         let direction = about.try_normalize().unwrap_or(hit.normal);
-        leaving.push(single((hit.position + 1e-4 * hit.normal, direction)));
+        leaving.push(single(hit.position + 1e-4 * hit.normal, direction));
     }
     for i in (1..leaving.len()).rev() {
         leaving.swap(i, (random() * (i + 1) as f64) as usize);
@@ -161,9 +169,9 @@ fn diffuse(accel: &Accel, rays: &[Ray]) -> Vec<Ray> {
 }
 
 /// The ray that a program in single precision is given.
-fn single((origin, direction): Ray) -> Ray {
-    let direction = direction.as_vec3().as_dvec3();
-    (origin.as_vec3().as_dvec3(), direction.normalize())
+fn single(origin: DVec3, direction: DVec3) -> Ray {
+    let direction = direction.as_vec3().as_dvec3().normalize();
+    Ray { origin: origin.as_vec3().as_dvec3(), direction, from: 0.0 }
 }
 
 fn dump(folder: &Path, mesh: &Mesh, sets: &[(&str, &[Ray])]) -> anyhow::Result<()> {
@@ -176,7 +184,7 @@ fn dump(folder: &Path, mesh: &Mesh, sets: &[(&str, &[Ray])]) -> anyhow::Result<(
     let indices = mesh.triangles.iter().flatten().flat_map(|i| i.to_le_bytes());
     write("triangles.u32", indices.collect())?;
     for (name, rays) in sets {
-        let both = rays.iter().flat_map(|(o, d)| floats(o).chain(floats(d)));
+        let both = rays.iter().flat_map(|ray| floats(&ray.origin).chain(floats(&ray.direction)));
         write(&format!("{name}.f32"), both.collect())?;
     }
     Ok(())

@@ -111,6 +111,8 @@ impl FanRays {
                 *most = there.select(most.max(x), *most);
             }
             let reach = f32x16::load_array_ref(simd, lanes(reach, at));
+            // Short of infinity, where missing children are.
+            let reach = reach.min(f32x16::splat(simd, f32::MAX));
             let reach = there.select(reach, f32x16::splat(simd, -1.0));
             *lanes_mut(&mut fan.reach, at) = reach.into();
         }
