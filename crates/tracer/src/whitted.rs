@@ -9,9 +9,10 @@ mod first;
 mod patch;
 mod refraction;
 mod turns;
+mod waves;
 
 use crate::{
-    accel::{Accel, Found, Hit},
+    accel::{Accel, Hit},
     camera::Beam,
     emitters::{AreaEmitter, R2, lobe_factor},
     phong::{Surface, Unshadowed},
@@ -23,6 +24,7 @@ use patch::beside;
 pub(crate) use patch::{Beside, PatchRadiance};
 use refraction::Refraction;
 use turns::Turn;
+pub(crate) use waves::Waves;
 
 /// Rays that can change a pixel by less than this, relative to the radiance
 /// they would find, are not followed.
@@ -55,30 +57,19 @@ pub(crate) struct Sample {
     pub(crate) rays: u64,
     /// Patches found.
     pub(crate) look_ups: u64,
-    /// For what is needed again and again.
-    pub(crate) room: Room,
+    /// What arrives, so far.
+    pub(crate) radiance: Vec3,
 }
 
 /// Room for the lights of one surface.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Room {
+#[derive(Debug, Default)]
+struct Room {
     lights: Vec<Unshadowed>,
     /// Of those that are looked for: the radiance that each stands for, its shadow ray,
     /// and what that finds.
     wanted: Vec<Vec3>,
     rays: Vec<(DVec3, f64)>,
     visible: Vec<f32>,
-}
-
-/// What became of the ray so far.
-#[derive(Clone, Copy)]
-struct Branch {
-    depth: u32,
-    weight: f32,
-}
-
-impl Branch {
-    const START: Self = Self { depth: 0, weight: 1.0 };
 }
 
 /// How many surfaces with alpha in a row a ray sees through.
@@ -88,40 +79,9 @@ impl Whitted<'_> {
     /// Radiance that arrives along `beam`.
     #[cfg(test)]
     fn radiance(&self, beam: &Beam, sample: &mut Sample) -> Vec3 {
-        self.trace(self.next(beam, 0.0), beam, Branch::START, sample)
-    }
-
-    /// Radiance that arrives along `beam`, of which `first` is the
-    /// [`first hit`](Self::first_hits).
-    pub(crate) fn radiance_from(
-        &self,
-        first: Option<Found>,
-        beam: &Beam,
-        sample: &mut Sample,
-    ) -> Vec3 {
-        let first = first.map(|found| self.accel.hit(&found, beam.direction));
-        self.trace(first, beam, Branch::START, sample)
-    }
-
-    /// What each of `beams` meets first, put into `found`. Those from one point go
-    /// together.
-    pub(crate) fn first_hits(
-        &self,
-        beams: &[Beam],
-        directions: &mut Vec<DVec3>,
-        found: &mut Vec<Option<Found>>,
-    ) {
-        let origin = beams.first().map_or(DVec3::ZERO, |beam| beam.origin);
-        if beams.iter().all(|beam| beam.origin == origin) {
-            directions.clear();
-            directions.extend(beams.iter().map(|beam| beam.direction));
-            self.accel.find_of(origin, directions, found);
-        } else {
-            let find =
-                |beam: &Beam| self.accel.find(beam.origin, beam.direction, 0.0, f64::INFINITY);
-            found.clear();
-            found.extend(beams.iter().map(find));
-        }
+        sample.radiance = Vec3::ZERO;
+        self.trace(&[*beam], std::slice::from_mut(sample), &mut Waves::default());
+        sample.radiance
     }
 
     /// What `beam` meets next after the distance `from`.
@@ -129,35 +89,21 @@ impl Whitted<'_> {
         self.accel.closest(beam.origin, beam.direction, from, f64::INFINITY)
     }
 
-    /// Radiance along `beam`, which meets `first` first.
-    fn trace(&self, first: Option<Hit>, beam: &Beam, branch: Branch, sample: &mut Sample) -> Vec3 {
-        let (mut radiance, mut clear, mut next) = (Vec3::ZERO, 1.0, first);
-        for _ in 0..MAX_LAYERS {
-            sample.rays += 1;
-            let Some(hit) = next else {
-                return radiance + clear * self.background;
-            };
-            let seen = hit.opacity * clear;
-            radiance += seen * self.shade(beam, &hit, branch, sample);
-            clear -= seen;
-            if clear * branch.weight < MIN_WEIGHT {
-                break;
-            }
-            next = self.next(beam, hit.t);
-        }
-        radiance
-    }
-
-    /// Radiance that leaves the surface at `hit` back along the beam.
-    fn shade(&self, beam: &Beam, hit: &Hit, branch: Branch, sample: &mut Sample) -> Vec3 {
-        let footprint = beam.footprint(hit.position, hit.normal);
-        let surface = Surface::over(self.scene, hit, -beam.direction, footprint);
+    /// Radiance that leaves the surface at `hit` back along the beam, but for what mirrors
+    /// and glass send on.
+    fn direct(
+        &self,
+        surface: &Surface<'_>,
+        hit: &Hit,
+        beam: &Beam,
+        depth: u32,
+        sample: &mut Sample,
+        room: &mut Room,
+    ) -> Vec3 {
         if surface.material.unlit {
             return surface.emission;
         }
-        self.emitted(&surface, hit)
-            + self.local(&surface, hit, beam, branch.depth, sample)
-            + self.secondary(&surface, beam, branch, sample)
+        self.emitted(surface, hit) + self.local(surface, hit, beam, depth, sample, room)
     }
 
     /// Radiance that the surface itself sends to the eye, from its front only.
@@ -185,9 +131,9 @@ impl Whitted<'_> {
         beam: &Beam,
         depth: u32,
         sample: &mut Sample,
+        room: &mut Room,
     ) -> Vec3 {
         let mut unshadowed = surface.ambient(self.scene.ambient);
-        let mut room = std::mem::take(&mut sample.room);
         let lights = &mut room.lights;
         lights.clear();
         lights.extend(self.scene.lights.iter().filter_map(|light| surface.lit_by(light)));
@@ -226,28 +172,25 @@ impl Whitted<'_> {
         sample.rays += room.rays.len() as u64;
         let arrived =
             room.wanted.iter().zip(&room.visible).map(|(wanted, visible)| wanted * visible);
-        let radiance = arrived.fold(unshadowed, |sum, light| sum + light);
-        sample.room = room;
-        radiance
+        arrived.fold(unshadowed, |sum, light| sum + light)
     }
 
-    /// Radiance by mirror reflection and by refraction.
-    fn secondary(
-        &self,
-        surface: &Surface<'_>,
-        beam: &Beam,
-        branch: Branch,
-        sample: &mut Sample,
-    ) -> Vec3 {
+    /// Calls `follow` with the beams by mirror reflection and by refraction, and what of
+    /// the radiance that they find goes back along the beam.
+    fn secondary(&self, surface: &Surface<'_>, beam: &Beam, mut follow: impl FnMut(Beam, Vec3)) {
         let material = surface.material;
+        if material.unlit {
+            return;
+        }
         let clear = material.transmission.clamp(0.0, 1.0);
         let about = mirror_normal(surface, beam.direction);
         let mirrored =
             |direction: DVec3| (direction - 2.0 * direction.dot(about) * about).normalize();
+        let (position, geometric) = (surface.position, surface.geometric);
         if clear > 0.0 {
             let bent = Refraction::new(surface, beam.direction);
             let reflected = Vec3::splat(bent.fresnel as f32 * clear);
-            let mut radiance = self.follow(surface, beam, mirrored, reflected, branch, sample);
+            follow(beam.turned(position, geometric, mirrored), reflected);
             if let Some(refracted) = bent.direction {
                 let colour = material.filter.unwrap_or(surface.colour);
                 let weight = (1.0 - bent.fresnel as f32) * clear * colour;
@@ -255,35 +198,11 @@ impl Whitted<'_> {
                 let bend = |direction: DVec3| {
                     Refraction::new(surface, direction).direction.unwrap_or(refracted)
                 };
-                radiance += self.follow(surface, beam, bend, weight, branch, sample);
+                follow(beam.turned(position, geometric, bend), weight);
             }
-            radiance
         } else if material.mirror {
-            self.follow(surface, beam, mirrored, material.ks, branch, sample)
-        } else {
-            Vec3::ZERO
+            follow(beam.turned(position, geometric, mirrored), material.ks);
         }
-    }
-
-    /// `weight` times the radiance from where `turn` takes the beam, unless the
-    /// branch ends here.
-    fn follow(
-        &self,
-        surface: &Surface<'_>,
-        beam: &Beam,
-        turn: impl Fn(DVec3) -> DVec3,
-        weight: Vec3,
-        branch: Branch,
-        sample: &mut Sample,
-    ) -> Vec3 {
-        let next = Branch { depth: branch.depth + 1, weight: branch.weight * weight.max_element() };
-        if next.depth > self.max_depth || next.weight < MIN_WEIGHT {
-            return Vec3::ZERO;
-        }
-        let turned = beam.turned(surface.position, surface.geometric, turn);
-        let origin = self.accel.leave(surface.position, surface.geometric, turned.direction);
-        let beam = Beam { origin, ..turned };
-        weight * self.trace(self.next(&beam, 0.0), &beam, next, sample)
     }
 }
 

@@ -237,7 +237,7 @@ fn rays_side_by_side_find_what_each_finds_alone() {
             _ => middle,
         };
         let direction = (target - eye).try_normalize()?;
-        let from = if i % 3 == 0 { eye.distance(target) } else { 0.0 };
+        let from = if i.is_multiple_of(3) { eye.distance(target) } else { 0.0 };
         Some(Ray { origin: eye, direction, from })
     };
     let rays: Vec<Ray> = (0..20_000).filter_map(ray).collect();

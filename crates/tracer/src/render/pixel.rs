@@ -2,11 +2,10 @@
 
 use super::RenderOptions;
 use crate::{
-    accel::Found,
     camera::{Beam, Pinhole},
-    whitted::{self, Sample, Whitted},
+    whitted::{Sample, Waves, Whitted},
 };
-use glam::{DVec2, DVec3, DVec4, Vec3};
+use glam::{DVec2, DVec4, Vec3};
 
 /// Step of the samples' sequence, which fills the unit 4-cube evenly: powers of
 /// 1/g for g⁵ = g + 1 (M. Roberts, *The Unreasonable Effectiveness of Quasirandom
@@ -58,9 +57,8 @@ struct Taking {
 pub(super) struct Room {
     takings: Vec<Taking>,
     beams: Vec<Beam>,
-    directions: Vec<DVec3>,
-    found: Vec<Option<Found>>,
-    lights: whitted::Room,
+    samples: Vec<Sample>,
+    waves: Waves,
 }
 
 /// Where a picture's samples go.
@@ -109,21 +107,23 @@ impl PixelSampler<'_> {
         };
         room.beams.clear();
         room.beams.extend(room.takings.iter().map(beam));
-        self.whitted.first_hits(&room.beams, &mut room.directions, &mut room.found);
-        for ((taking, beam), found) in room.takings.drain(..).zip(&room.beams).zip(&room.found) {
-            let Pixel { x, y, tally, .. } = &mut pixels[taking.pixel];
-            let mut sample = Sample {
+        let sample = |taking: &Taking| {
+            let Pixel { x, y, .. } = pixels[taking.pixel];
+            Sample {
                 place: DVec2::new(taking.point.z, taking.point.w),
                 index: taking.index,
                 of,
-                scramble: splitmix(splitmix(seed).wrapping_add(self.number(*x, *y))),
-                room: std::mem::take(&mut room.lights),
+                scramble: splitmix(splitmix(seed).wrapping_add(self.number(x, y))),
                 ..Sample::default()
-            };
-            let radiance = self.whitted.radiance_from(*found, beam, &mut sample);
-            room.lights = sample.room;
-            tally.sum += radiance;
-            tally.squares += radiance * radiance;
+            }
+        };
+        room.samples.clear();
+        room.samples.extend(room.takings.iter().map(sample));
+        self.whitted.trace(&room.beams, &mut room.samples, &mut room.waves);
+        for (taking, sample) in room.takings.drain(..).zip(&room.samples) {
+            let tally = &mut pixels[taking.pixel].tally;
+            tally.sum += sample.radiance;
+            tally.squares += sample.radiance * sample.radiance;
             tally.rays += sample.rays;
             tally.look_ups += sample.look_ups;
             tally.taken += 1;

@@ -165,7 +165,7 @@ mod tests {
         let box_of_all = [[[-1.0; WIDTH], [1.0; WIDTH]]; 3];
         let node = |i: u32| {
             let mut children = std::array::from_fn(|lane| BLOCK | (7 * i + lane as u32));
-            children[7] = if i + 1 < nodes { i + 1 } else { BLOCK | 7 * nodes };
+            children[7] = if i + 1 < nodes { i + 1 } else { BLOCK | (7 * nodes) };
             Node { planes: box_of_all, children }
         };
         Wide { nodes: (0..nodes).map(node).collect() }
