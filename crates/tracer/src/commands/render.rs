@@ -98,15 +98,16 @@ fn run_reference(args: &cli::Render, format: Format) -> anyhow::Result<()> {
         say(fields)?;
     } else {
         let percent = |x: f64| format!("{:.3} %", 100.0 * x);
+        let known = |x: Option<f64>| x.map_or_else(|| "not known".to_owned(), percent);
         say(format_args!(
             "{output}: {width}x{height}, camera {}, {} points a pixel, {:.2} million rays in {:.2} s, error {} relative RMS, estimated: of points {}, of camera rays {}",
             camera.name,
             estimate.points,
             picture.stats.rays as f64 / 1e6,
             meter.seconds(),
-            percent(estimate.relative()),
+            known(estimate.relative()),
             percent(estimate.emitters),
-            percent(estimate.rays),
+            known(estimate.rays),
         ))?;
     }
     if let Some(wanted) = args.reference.error {
@@ -118,7 +119,11 @@ fn run_reference(args: &cli::Render, format: Format) -> anyhow::Result<()> {
 /// Says what keeps the error above what is wanted.
 fn warn_of_error(estimate: &Estimate, wanted: f64) {
     let Estimate { samples, emitters, rays, .. } = *estimate;
-    if estimate.relative() <= wanted {
+    let Some(rays) = rays else {
+        eprintln!("tracer: warning: stopped before the error of the camera rays was estimated");
+        return;
+    };
+    if emitters.hypot(rays) <= wanted {
         return;
     }
     let why = if rays <= emitters {

@@ -91,10 +91,7 @@ impl<'a> Stage<'a> {
             None => baked_in_memory(&scene, &accel, view.threads)
                 .with_context(|| format!("baking {}", path.display()))?,
         };
-        let contents = [Some(path), view.wct.as_deref()].map(content);
-        let (path, stop) = (path.to_owned(), super::interrupt::listen());
-        let (flight, moment) = (Mutex::new(flight), None);
-        Ok(Self { accel, scene, texture, view, path, stop, contents, moment, flight })
+        Ok(Self::of(path, view, scene, accel, (texture, flight)))
     }
 
     /// Loads the scene to be rendered without wavelets, as [`open`](Self::open) does.
@@ -104,10 +101,28 @@ impl<'a> Stage<'a> {
         check: impl FnOnce(&Scene) -> anyhow::Result<()>,
     ) -> anyhow::Result<Self> {
         let scene = lit(path, view, check)?;
-        let (accel, contents) = (Accel::new(&scene), [content(Some(path)), None]);
-        let (path, stop) = (path.to_owned(), super::interrupt::listen());
-        let (flight, moment) = (Mutex::new(None), None);
-        Ok(Self { accel, scene, texture: None, view, path, stop, contents, moment, flight })
+        let accel = Accel::new(&scene);
+        Ok(Self::of(path, view, scene, accel, (None, None)))
+    }
+
+    fn of(
+        path: &Path,
+        view: &'a cli::View,
+        scene: Scene,
+        accel: Accel,
+        (texture, flight): (Option<WctTexture>, Option<Flight>),
+    ) -> Self {
+        Self {
+            scene,
+            accel,
+            texture,
+            view,
+            path: path.to_owned(),
+            stop: super::interrupt::listen(),
+            contents: [Some(path), view.wct.as_deref()].map(content),
+            moment: None,
+            flight: Mutex::new(flight),
+        }
     }
 
     /// Says what of `animation` the baked radiance does not follow, and takes the patches

@@ -39,33 +39,35 @@ pub(crate) struct Estimate {
     pub(crate) samples: u32,
     /// Of there being so many points.
     pub(crate) emitters: f64,
-    /// Of there being so many camera rays.
-    pub(crate) rays: f64,
+    /// Of there being so many camera rays; `None` where it was stopped before that was known.
+    pub(crate) rays: Option<f64>,
 }
 
 impl Estimate {
     /// Of a picture that is not whole.
-    const NONE: Self = Self { points: 0, samples: 0, emitters: 1.0, rays: 1.0 };
+    const NONE: Self = Self { points: 0, samples: 0, emitters: 1.0, rays: None };
 
-    /// Of both together.
-    pub(crate) fn relative(&self) -> f64 {
-        self.emitters.hypot(self.rays)
+    /// Of both together, if both are known.
+    pub(crate) fn relative(&self) -> Option<f64> {
+        Some(self.emitters.hypot(self.rays?))
     }
 
     /// The error that the points may have, so that both together have `wanted`. Where the
     /// camera rays leave them nothing of it, all.
     fn share(&self, wanted: f64) -> f64 {
-        if self.rays >= wanted {
+        let rays = self.rays.unwrap_or(0.0);
+        if rays >= wanted {
             return wanted;
         }
         // A small rest would cost many points, and more camera rays few.
-        (wanted * wanted - self.rays * self.rays).sqrt().max(0.25 * wanted)
+        (wanted * wanted - rays * rays).sqrt().max(0.25 * wanted)
     }
 
     /// Camera rays a pixel that leave the points half of the variance of `wanted`, were they
     /// independent; evenly spread ones are better.
     pub(crate) fn samples_for(&self, wanted: f64) -> u32 {
-        (f64::from(self.samples) * 2.0 * (self.rays / wanted).powi(2)).ceil() as u32
+        let rays = self.rays.unwrap_or(0.0);
+        (f64::from(self.samples) * 2.0 * (rays / wanted).powi(2)).ceil() as u32
     }
 }
 
@@ -120,7 +122,7 @@ pub(crate) fn render_reference(
             points: u64::from(PASSES) * u64::from(points) * u64::from(render_options.samples),
             samples: render_options.samples,
             emitters: moments.emitters(),
-            rays: 0.0,
+            rays: None,
         };
         let is_enough = match options.target {
             Target::Samples(_) => true,
@@ -133,9 +135,11 @@ pub(crate) fn render_reference(
             let (first, _) = pass(2 * round, few, &other)?;
             let (second, is_whole) = pass(2 * round + 1, few, &other)?;
             if !is_whole {
-                return Ok((moments.mean, total, Estimate::NONE));
+                // These are not part of the picture, which is.
+                total.rows_left = 0;
+                return Ok((moments.mean, total, estimate));
             }
-            estimate.rays = moments.rays(&films, &[first, second]);
+            estimate.rays = Some(moments.rays(&films, &[first, second]));
         }
         let Target::Error(wanted) = options.target else {
             return Ok((moments.mean, total, estimate));
@@ -260,7 +264,7 @@ mod tests {
                 let (film, estimate) = picture(samples, points, seed);
                 assert_eq!(estimate.samples, samples);
                 found += sum(&|i| film.pixels[i] - truth.pixels[i]) / size;
-                estimated += estimate.relative().powi(2);
+                estimated += estimate.relative().expect("not stopped").powi(2);
             }
             let ratio = (estimated / found).sqrt();
             // Of sixteen pictures it scatters by 3 %; single rays all miss some edges.
@@ -270,8 +274,10 @@ mod tests {
 
     #[test]
     fn points_and_camera_rays_share_what_is_wanted() {
-        let estimate = |rays| Estimate { points: 64, samples: 16, emitters: 0.03, rays };
-        assert!((estimate(0.04).relative() - 0.05).abs() < 1e-12);
+        let estimate =
+            |rays| Estimate { points: 64, samples: 16, emitters: 0.03, rays: Some(rays) };
+        let relative = estimate(0.04).relative().expect("both are known");
+        assert!((relative - 0.05).abs() < 1e-12);
         assert!((estimate(0.04).share(0.05) - 0.03).abs() < 1e-12);
         assert_eq!(estimate(0.0999).share(0.1), 0.025);
         assert_eq!(estimate(0.2).share(0.1), 0.1);
