@@ -6,10 +6,11 @@
 
 The two take turns, so that both see the same machine, and CPU time is counted, so
 that other work on it hardly matters; the median over the rounds is printed. This program
-takes primary rays 32 at a time and diffuse ones one after another, as it does when it
-renders. embreex calls Embree's rtcIntersect1, one ray after another; Mitsuba hands it
-packets as wide as the processor's registers, told which are coherent. All find which
-triangle is met and where; none is asked for more.
+takes 32 rays at a time, primary ones as a fan and diffuse ones side by side, as it does
+with a picture's camera rays and with those from mirrors and glass. embreex calls
+Embree's rtcIntersect1, one ray after another; Mitsuba hands it packets as wide as the
+processor's registers, told which are coherent. All find which triangle is met and
+where; none is asked for more.
 """
 
 import argparse

@@ -5,7 +5,7 @@
 mod first_round;
 mod pixel;
 
-pub(crate) use pixel::{R4, splitmix};
+pub(crate) use pixel::{R4, TOGETHER, splitmix};
 
 use crate::{
     accel::Accel,

@@ -8,9 +8,10 @@
 //! `tests/embree_rays.py` measures Embree with the same mesh and rays.
 
 use super::stdout::say;
-use crate::accel::{Accel, Ray};
+use crate::accel::{self, Accel};
 use crate::camera::Pinhole;
 use crate::cli::Rays;
+use crate::render::TOGETHER;
 use crate::scene::{Camera, Material, Mesh, Projection, Scene};
 use crate::threads::in_pool;
 use anyhow::Context as _;
@@ -21,6 +22,9 @@ use serde_json::json;
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
 use std::time::Instant;
+
+/// Origin and unit direction.
+type Ray = (DVec3, DVec3);
 
 /// Measures and prints one line of JSON.
 pub(crate) fn run(args: &Rays) -> anyhow::Result<()> {
@@ -75,22 +79,33 @@ fn measure(args: &Rays) -> anyhow::Result<()> {
 type Count = fn(&Accel, &[Ray]) -> usize;
 
 fn one_by_one(accel: &Accel, rays: &[Ray]) -> usize {
-    let hits = |ray: &&Ray| accel.find(ray.origin, ray.direction, 0.0, f64::INFINITY).is_some();
+    let hits =
+        |(origin, direction): &&Ray| accel.find(*origin, *direction, 0.0, f64::INFINITY).is_some();
     rays.iter().filter(hits).count()
 }
 
 fn side_by_side(accel: &Accel, rays: &[Ray]) -> usize {
-    let mut found = Vec::new();
-    accel.find_each(rays, &mut found);
-    found.iter().flatten().count()
+    let (mut batch, mut found) = (Vec::new(), Vec::new());
+    let ray = |&(origin, direction): &Ray| accel::Ray { origin, direction, from: 0.0 };
+    let mut hits = |rays: &[Ray]| {
+        batch.clear();
+        batch.extend(rays.iter().map(ray));
+        accel.find_each(&batch, &mut found);
+        found.iter().flatten().count()
+    };
+    rays.chunks(TOGETHER).map(&mut hits).sum()
 }
 
 /// Of rays from one point.
 fn together(accel: &Accel, rays: &[Ray]) -> usize {
-    let directions: Vec<DVec3> = rays.iter().map(|ray| ray.direction).collect();
-    let mut found = Vec::new();
-    accel.find_of(rays[0].origin, &directions, &mut found);
-    found.iter().flatten().count()
+    let (mut directions, mut found) = (Vec::new(), Vec::new());
+    let mut hits = |rays: &[Ray]| {
+        directions.clear();
+        directions.extend(rays.iter().map(|ray| ray.1));
+        accel.find_of(rays[0].0, &directions, &mut found);
+        found.iter().flatten().count()
+    };
+    rays.chunks(TOGETHER).map(&mut hits).sum()
 }
 
 /// A closed sphere of radius 1 with bumps, of about so many triangles.
@@ -153,7 +168,7 @@ fn diffuse(accel: &Accel, rays: &[Ray]) -> Vec<Ray> {
         (state >> 11) as f64 / (1_u64 << 53) as f64
     };
     let mut leaving = Vec::with_capacity(rays.len());
-    for &Ray { origin, direction, .. } in rays {
+    for &(origin, direction) in rays {
         let Some(hit) = accel.closest(origin, direction, 0.0, f64::INFINITY) else { continue };
         let (z, azimuth) = (2.0 * random() - 1.0, TAU * random());
         let r = (1.0 - z * z).sqrt();
@@ -171,7 +186,7 @@ fn diffuse(accel: &Accel, rays: &[Ray]) -> Vec<Ray> {
 /// The ray that a program in single precision is given.
 fn single(origin: DVec3, direction: DVec3) -> Ray {
     let direction = direction.as_vec3().as_dvec3().normalize();
-    Ray { origin: origin.as_vec3().as_dvec3(), direction, from: 0.0 }
+    (origin.as_vec3().as_dvec3(), direction)
 }
 
 fn dump(folder: &Path, mesh: &Mesh, sets: &[(&str, &[Ray])]) -> anyhow::Result<()> {
@@ -184,7 +199,7 @@ fn dump(folder: &Path, mesh: &Mesh, sets: &[(&str, &[Ray])]) -> anyhow::Result<(
     let indices = mesh.triangles.iter().flatten().flat_map(|i| i.to_le_bytes());
     write("triangles.u32", indices.collect())?;
     for (name, rays) in sets {
-        let both = rays.iter().flat_map(|ray| floats(&ray.origin).chain(floats(&ray.direction)));
+        let both = rays.iter().flat_map(|(o, d)| floats(o).chain(floats(d)));
         write(&format!("{name}.f32"), both.collect())?;
     }
     Ok(())

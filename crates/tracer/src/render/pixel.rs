@@ -40,7 +40,7 @@ pub(super) struct Pixel {
 }
 
 /// Camera rays that go together, of one pixel or of neighbours.
-const TOGETHER: usize = 32;
+pub(crate) const TOGETHER: usize = 32;
 
 /// A sample about to be taken.
 struct Taking {
