@@ -79,10 +79,21 @@ fn a_flight_does_not_go_on_from_other_files() {
     let folder = Folder::new();
     let (own, wct, output) = (folder.path("a.wct"), folder.path("b.wct"), folder.path("#.exr"));
     fs::copy(chapel_wct(), &own).expect("a copy");
-    let chapel = scene("chapel/chapel.gltf");
+    for name in ["chapel.gltf", "chapel.bin", "flags.png", "wall.png", "window.png", "wood.png"] {
+        fs::copy(scene(&format!("chapel/{name}")), folder.path(name)).expect("a copy");
+    }
+    let chapel = folder.path("chapel.gltf");
     let quick = ["--end", "0", "--size", "8x6", "--samples", "1", "--emitter-grid", "1"];
     let args = [&["fly", &chapel, "--wct", &own, "-o", &output][..], &quick].concat();
     succeed(&args);
+    succeed(&args);
+    // A texture is content of the scene, whose own file is as it was.
+    fs::copy(scene("chapel/flags.png"), folder.path("wall.png")).expect("a copy");
+    let complaint = fail(1, &args);
+    let expected =
+        "0.exr: it is there already, made with other settings (another content of the scene)";
+    assert!(complaint.contains(expected), "{complaint}");
+    fs::copy(scene("chapel/wall.png"), folder.path("wall.png")).expect("a copy");
     succeed(&args);
     succeed(&["convert", &own, "--error", "0.1", "-o", &wct]);
     fs::rename(&wct, &own).expect("in its place");

@@ -341,9 +341,9 @@ pub(crate) fn fingerprint(scene: &Scene) -> String {
 }
 
 /// A hash of a file's content.
-pub(crate) fn hash_of(bytes: &[u8]) -> String {
+pub(crate) fn hash_of(bytes: impl IntoIterator<Item = u8>) -> String {
     let mut hash = Hash::default();
-    hash.add(bytes.iter().copied());
+    hash.add(bytes);
     hash.to_string()
 }
 

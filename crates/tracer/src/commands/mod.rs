@@ -19,7 +19,7 @@ mod view;
 
 pub(crate) use stdout::Closed;
 
-use crate::scene::{self, Scene};
+use crate::scene::{self, Loaded, Scene};
 use anyhow::Context as _;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::path::Path;
@@ -27,11 +27,16 @@ use wrt_core::wct_file::write_aside;
 
 /// Reads a scene and prints what it could not use of it.
 fn load(path: &Path) -> anyhow::Result<Scene> {
+    load_all(path).map(|loaded| loaded.scene)
+}
+
+/// The same, with the files that it was read from.
+fn load_all(path: &Path) -> anyhow::Result<Loaded> {
     let loaded = scene::load(path)?;
     for warning in &loaded.warnings {
         eprintln!("tracer: warning: {}: {warning}", path.display());
     }
-    Ok(loaded.scene)
+    Ok(loaded)
 }
 
 /// Which windows and floors a file was baked from, among the options in it.

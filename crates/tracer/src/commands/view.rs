@@ -7,7 +7,7 @@ use crate::emitters::MANY;
 use crate::film::{Display, Film, Format, Layers, Metadata, Tone, Window};
 use crate::reference::{Estimate, Lighting, ReferenceOptions, Target, render_reference};
 use crate::render::{Crop, RenderOptions, RenderStats, layers, render};
-use crate::scene::{Animation, Camera, Moved, Projection, Scene, flight, surfaces};
+use crate::scene::{Animation, Camera, Loaded, Moved, Projection, Scene, flight, surfaces};
 use crate::wct_texture::WctTexture;
 use crate::whitted::PatchRadiance;
 use anyhow::{Context as _, ensure};
@@ -30,7 +30,7 @@ pub(super) struct Stage<'a> {
     view: &'a cli::View,
     path: PathBuf,
     stop: &'static AtomicBool,
-    /// Of the scene's file and of the `.wct`'s.
+    /// Of the scene's files and of the `.wct`.
     contents: [Option<String>; 2],
     /// The animation, and the second of it that is shown.
     moment: Option<(String, f64)>,
@@ -75,7 +75,7 @@ impl<'a> Stage<'a> {
         view: &'a cli::View,
         check: impl FnOnce(&Scene) -> anyhow::Result<()>,
     ) -> anyhow::Result<Self> {
-        let scene = lit(path, view, check)?;
+        let (scene, files) = lit(path, view, check)?;
         let accel = Accel::new(&scene);
         let mut flight = None;
         let texture = match &view.wct {
@@ -91,7 +91,7 @@ impl<'a> Stage<'a> {
             None => baked_in_memory(&scene, &accel, view.threads)
                 .with_context(|| format!("baking {}", path.display()))?,
         };
-        Ok(Self::of(path, view, scene, accel, (texture, flight)))
+        Ok(Self::of(path, view, (scene, &files), accel, (texture, flight)))
     }
 
     /// Loads the scene to be rendered without wavelets, as [`open`](Self::open) does.
@@ -100,15 +100,15 @@ impl<'a> Stage<'a> {
         view: &'a cli::View,
         check: impl FnOnce(&Scene) -> anyhow::Result<()>,
     ) -> anyhow::Result<Self> {
-        let scene = lit(path, view, check)?;
+        let (scene, files) = lit(path, view, check)?;
         let accel = Accel::new(&scene);
-        Ok(Self::of(path, view, scene, accel, (None, None)))
+        Ok(Self::of(path, view, (scene, &files), accel, (None, None)))
     }
 
     fn of(
         path: &Path,
         view: &'a cli::View,
-        scene: Scene,
+        (scene, files): (Scene, &[PathBuf]),
         accel: Accel,
         (texture, flight): (Option<WctTexture>, Option<Flight>),
     ) -> Self {
@@ -119,7 +119,7 @@ impl<'a> Stage<'a> {
             view,
             path: path.to_owned(),
             stop: super::interrupt::listen(),
-            contents: [Some(path), view.wct.as_deref()].map(content),
+            contents: [content(files), content(view.wct.as_slice())],
             moment: None,
             flight: Mutex::new(flight),
         }
@@ -317,8 +317,8 @@ fn lit(
     path: &Path,
     view: &cli::View,
     check: impl FnOnce(&Scene) -> anyhow::Result<()>,
-) -> anyhow::Result<Scene> {
-    let mut scene = super::load(path)?;
+) -> anyhow::Result<(Scene, Vec<PathBuf>)> {
+    let Loaded { mut scene, files, .. } = super::load_all(path)?;
     super::light_windows(&mut scene, &view.weather)
         .with_context(|| format!("{}", path.display()))?;
     if scene.meshes.iter().all(|mesh| mesh.triangles.is_empty()) {
@@ -329,12 +329,13 @@ fn lit(
         );
     }
     check(&scene).with_context(|| format!("{}", path.display()))?;
-    Ok(scene)
+    Ok((scene, files))
 }
 
-/// A hash of a file's content; the scene's other files, such as its textures, are not in it.
-fn content(path: Option<&Path>) -> Option<String> {
-    std::fs::read(path?).ok().map(|bytes| hash_of(&bytes))
+/// A hash of the files' contents, if there are any and all can be read.
+fn content(paths: &[PathBuf]) -> Option<String> {
+    let contents: Result<Vec<Vec<u8>>, _> = paths.iter().map(std::fs::read).collect();
+    contents.ok().filter(|all| !all.is_empty()).map(|all| hash_of(all.into_iter().flatten()))
 }
 
 fn metadata(camera: &Camera, options: &RenderOptions, settings: Value) -> Metadata {

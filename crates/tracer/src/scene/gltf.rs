@@ -15,6 +15,7 @@ mod primitive;
 pub(crate) use animation::NodePath;
 
 use super::extras::{self, NodeExtras, SceneExtras};
+use super::files::Files;
 use super::load::{Names, Warnings};
 use super::{Camera, LightKind, Loaded, Material, Mesh, Moved, Projection};
 use super::{PunctualLight, Scene, Shape};
@@ -37,16 +38,19 @@ use std::path::Path;
 /// If a file is missing, malformed, or requires what is not supported.
 pub(super) fn load(path: &Path) -> anyhow::Result<Loaded> {
     let bytes = std::fs::read(path)?;
-    read(&bytes, path.parent().unwrap_or(Path::new("")))
+    let mut loaded = read(&bytes, path.parent().unwrap_or(Path::new("")))?;
+    loaded.files.insert(0, path.to_owned());
+    Ok(loaded)
 }
 
 /// Reads a `.gltf` or `.glb` whose files are relative to `directory`.
 fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
     let mut warnings = Warnings::default();
     let (root, chunk) = document::parse(bytes, &mut warnings)?;
-    let buffers = Buffers::load(&root, chunk, directory)?;
+    let files = Files::beside(directory);
+    let buffers = Buffers::load(&root, chunk, &files)?;
     let hierarchy = Hierarchy::read(&root)?;
-    let mut builder = Builder::new(&root, &buffers, directory, warnings)?;
+    let mut builder = Builder::new(&root, &buffers, &files, warnings)?;
     let moving = animation::moving(&root, &hierarchy);
     for &node in &hierarchy.order {
         let placed = builder.node(node, hierarchy.world[node], moving[node]);
@@ -61,7 +65,7 @@ fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
     }
     let nodes = animation::Nodes { root: &root, hierarchy: &hierarchy, cameras: &camera_nodes };
     scene.animations = nodes.animations(&buffers, &moved, &mut warnings)?;
-    Ok(Loaded { scene, warnings: warnings.into_lines() })
+    Ok(Loaded { scene, files: files.into_read(), warnings: warnings.into_lines() })
 }
 
 fn ambient(root: &Root) -> anyhow::Result<Vec3> {
@@ -98,10 +102,10 @@ impl<'a> Builder<'a> {
     fn new(
         root: &'a Root,
         buffers: &'a Buffers<'a>,
-        directory: &'a Path,
+        files: &'a Files<'a>,
         mut warnings: Warnings,
     ) -> anyhow::Result<Self> {
-        let mut textures = Textures::new(root, buffers, directory);
+        let mut textures = Textures::new(root, buffers, files);
         let mut scene = Scene::default();
         for (i, json) in root.materials.iter().enumerate() {
             let owner = match &json.name {

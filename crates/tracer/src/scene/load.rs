@@ -4,12 +4,14 @@ use super::{Camera, LightKind, Material, Projection, PunctualLight, Scene};
 use anyhow::Context as _;
 use glam::{DAffine3, DMat3, DVec3, Vec3};
 use std::collections::HashMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A scene, and what its file asked for in vain.
 #[derive(Debug)]
 pub(crate) struct Loaded {
     pub(crate) scene: Scene,
+    /// Those that it was read from, its own first.
+    pub(crate) files: Vec<PathBuf>,
     /// One line for each feature that was ignored; for a command to print.
     pub(crate) warnings: Vec<String>,
 }
@@ -36,7 +38,8 @@ pub(crate) fn load(path: &Path) -> anyhow::Result<Loaded> {
     let directory = path.parent().unwrap_or(Path::new(""));
     for material in &mut loaded.scene.materials {
         let Some(file) = material.glazing_file.take() else { continue };
-        let bsdf = super::bsdf_xml::read(&directory.join(&file)).with_context(|| {
+        let glazing = directory.join(&file);
+        let bsdf = super::bsdf_xml::read(&glazing).with_context(|| {
             format!(
                 "reading {}: material \"{}\": {}",
                 path.display(),
@@ -44,6 +47,7 @@ pub(crate) fn load(path: &Path) -> anyhow::Result<Loaded> {
                 file.display()
             )
         })?;
+        loaded.files.push(glazing);
         material.glazing = Some(wrt_core::Glazing::Tabulated(bsdf.into()));
     }
     if loaded.scene.cameras.is_empty() {

@@ -6,6 +6,7 @@
 mod bsdf_xml;
 mod cutout;
 mod extras;
+mod files;
 pub(crate) mod flight;
 mod gltf;
 mod load;

@@ -8,6 +8,7 @@ mod lines;
 mod material;
 mod polygon;
 
+use super::files::Files;
 use super::load::{Names, Warnings};
 use super::texture::srgb_to_linear;
 use super::{Loaded, Material, Mesh, Scene};
@@ -22,7 +23,9 @@ use std::path::Path;
 /// If it or a texture is missing, or a file is malformed.
 pub(super) fn load(path: &Path) -> anyhow::Result<Loaded> {
     let bytes = std::fs::read(path)?;
-    read(&bytes, path.parent().unwrap_or(Path::new("")))
+    let mut loaded = read(&bytes, path.parent().unwrap_or(Path::new("")))?;
+    loaded.files.insert(0, path.to_owned());
+    Ok(loaded)
 }
 
 /// Reads an OBJ whose files are relative to `directory`.
@@ -30,7 +33,8 @@ fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
     let mut warnings = Warnings::default();
     let text = lines::joined(bytes);
     lines::check(&text)?;
-    let library = material::Library::load(&text, directory, &mut warnings)?;
+    let files = Files::beside(directory);
+    let library = material::Library::load(&text, &files, &mut warnings)?;
     let options = tobj::LoadOptions {
         single_index: true,
         ignore_points: true,
@@ -57,7 +61,7 @@ fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
             scene.meshes.push(Mesh { name: names.unique(&model.name), material, ..mesh });
         }
     }
-    Ok(Loaded { scene, warnings: warnings.into_lines() })
+    Ok(Loaded { scene, files: files.into_read(), warnings: warnings.into_lines() })
 }
 
 fn mesh(from: &tobj::Mesh, owner: &str, warnings: &mut Warnings) -> anyhow::Result<Mesh> {

@@ -8,10 +8,28 @@ use std::path::Path;
 /// A file under `scenes/`, which loads without a warning.
 fn shipped(name: &str) -> Scene {
     let root = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes/");
-    let Loaded { scene, warnings } =
+    let Loaded { scene, warnings, .. } =
         load(Path::new(&format!("{root}{name}"))).expect("a valid scene");
     assert!(warnings.is_empty(), "{name}: {warnings:?}");
     scene
+}
+
+#[test]
+fn a_scene_says_which_files_it_was_read_from() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scenes/");
+    let read_from = |name: &str| {
+        let path = Path::new(folder).join(name);
+        let files = load(&path).expect("a valid scene").files;
+        assert_eq!(files[0], path);
+        let mut names: Vec<_> =
+            files.iter().filter_map(|file| file.file_name()?.to_str()).collect();
+        names.sort_unstable();
+        names.join(" ")
+    };
+    let expected = "chapel.bin chapel.gltf flags.png wall.png window.png wood.png";
+    assert_eq!(read_from("chapel/chapel.gltf"), expected);
+    assert_eq!(read_from("quad/quad.obj"), "quad.mtl quad.obj");
+    assert_eq!(read_from("facing/facing.gltf"), "facing.gltf");
 }
 
 #[test]

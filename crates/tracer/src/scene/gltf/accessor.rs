@@ -1,11 +1,11 @@
 //! Typed arrays in a glTF's buffers, every range checked before it is read.
 
+use super::super::files::Files;
 use super::buffer;
 use super::document::{Chunk, get, valid};
 use ::gltf::json::accessor::{ComponentType, IndexComponentType, Type};
 use ::gltf::json::{Accessor, Index, Root, buffer as json};
 use anyhow::{Context as _, bail, ensure};
-use std::path::Path;
 
 /// The most elements of an accessor that has no bytes in the file to bound it.
 const MAX_UNBACKED: u64 = 1 << 24;
@@ -26,13 +26,13 @@ impl<'a> Buffers<'a> {
     pub(super) fn load(
         root: &'a Root,
         chunk: Option<Chunk<'_>>,
-        directory: &Path,
+        files: &Files<'_>,
     ) -> anyhow::Result<Self> {
         let mut chunk = chunk.map(Chunk::into_owned);
         let mut bytes = Vec::with_capacity(root.buffers.len());
         for (i, buffer) in root.buffers.iter().enumerate() {
             let contents = match &buffer.uri {
-                Some(uri) => buffer::resolve(uri, directory),
+                Some(uri) => buffer::resolve(uri, files),
                 None => chunk.take().context("it has no URI, and the file no binary chunk left"),
             };
             let contents = contents.and_then(|c| buffer::exactly(c, buffer.byte_length.0));
@@ -194,6 +194,7 @@ fn decode(component: ComponentType, normalized: bool, bytes: &[u8]) -> f32 {
 mod tests {
     use super::*;
     use serde_json::{Value, json};
+    use std::path::Path;
 
     /// Sixteen bytes 0, 1, … 15 behind one view, and the accessors given.
     fn with_accessors<R>(accessors: &[Value], test: impl Fn(&Buffers<'_>) -> R) -> R {
@@ -210,7 +211,8 @@ mod tests {
         }))
         .expect("glTF JSON");
         let chunk: Vec<u8> = (0..16).collect();
-        let buffers = Buffers::load(&root, Some(chunk.into()), Path::new("")).expect("16 bytes");
+        let buffers = Buffers::load(&root, Some(chunk.into()), &Files::beside(Path::new("")))
+            .expect("16 bytes");
         test(&buffers)
     }
 

@@ -1,15 +1,15 @@
 //! The bytes behind a glTF's URIs: data in the URI itself, or a file beside it.
 
+use super::super::files::Files;
 use anyhow::{Context as _, bail, ensure};
-use std::path::Path;
 
-/// Reads what `uri` names, files relative to `directory`.
+/// Reads what `uri` names, one beside the scene among `files`.
 ///
 /// # Errors
 ///
 /// If the URI is malformed or remote, or its file cannot be read; the message
 /// names the file.
-pub(super) fn resolve(uri: &str, directory: &Path) -> anyhow::Result<Vec<u8>> {
+pub(super) fn resolve(uri: &str, files: &Files<'_>) -> anyhow::Result<Vec<u8>> {
     if let Some(data) = uri.strip_prefix("data:") {
         let (header, payload) = data.split_once(',').context("a data URI without a comma")?;
         return if header.ends_with(";base64") {
@@ -23,8 +23,8 @@ pub(super) fn resolve(uri: &str, directory: &Path) -> anyhow::Result<Vec<u8>> {
         bail!("{uri:?} is a {scheme} address: put the file beside the scene and name it");
     }
     let name = decode_percent(uri).and_then(|bytes| String::from_utf8(bytes).ok());
-    let path = directory.join(name.with_context(|| format!("{uri:?} is no valid URI"))?);
-    std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))
+    let name = name.with_context(|| format!("{uri:?} is no valid URI"))?;
+    files.read(&name).with_context(|| format!("cannot read {}", files.path(&name).display()))
 }
 
 /// Checks that `bytes` has what the file says of its length, and cuts it there.
@@ -81,9 +81,10 @@ fn decode_percent(text: &str) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::path::Path;
 
     fn data(uri: &str) -> anyhow::Result<Vec<u8>> {
-        resolve(uri, Path::new("nowhere"))
+        resolve(uri, &Files::beside(Path::new("nowhere")))
     }
 
     /// RFC 4648 §10.
@@ -123,10 +124,11 @@ mod tests {
     fn file_names_are_percent_decoded() {
         let directory = tempfile::tempdir().expect("a temporary directory");
         std::fs::write(directory.path().join("stained glass é.bin"), b"abc").expect("a file");
-        let bytes = resolve("stained%20glass%20%C3%A9.bin", directory.path());
+        let files = Files::beside(directory.path());
+        let bytes = resolve("stained%20glass%20%C3%A9.bin", &files);
         assert_eq!(bytes.expect("the file is there"), b"abc");
-        assert_eq!(resolve("data:,a%20b", directory.path()).expect("text"), b"a b");
-        let error = resolve("not%20there.png", directory.path()).expect_err("no such file");
+        assert_eq!(resolve("data:,a%20b", &files).expect("text"), b"a b");
+        let error = resolve("not%20there.png", &files).expect_err("no such file");
         let text = format!("{error:#}");
         assert!(text.starts_with("cannot read ") && text.contains("not there.png: "), "{text}");
     }

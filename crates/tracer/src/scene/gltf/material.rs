@@ -5,6 +5,7 @@
 //! reflects each patch by one BRDF, takes the textures' means.
 
 use super::super::extras::{self, MaterialExtras};
+use super::super::files::Files;
 use super::super::load::{Warnings, conserve};
 use super::super::{Alpha, Encoding, Map, Material, MetallicRoughness, Texture, Wrap, metallic};
 use super::accessor::Buffers;
@@ -18,7 +19,6 @@ use anyhow::{Context as _, ensure};
 use glam::{Affine2, Mat2, Vec2, Vec3};
 use serde_json::Value;
 use std::collections::HashMap;
-use std::path::Path;
 
 /// Roughness up to which what light passes looks clear.
 const CLEAR: f32 = 0.05;
@@ -32,7 +32,7 @@ const MIRROR: f32 = 0.1;
 pub(super) struct Textures<'a> {
     root: &'a Root,
     buffers: &'a Buffers<'a>,
-    directory: &'a Path,
+    files: &'a Files<'a>,
     /// Image and what its numbers are, to its first texture in `loaded`.
     images: HashMap<(usize, Encoding), usize>,
     /// Texture and what its numbers are, to index into `loaded`.
@@ -41,9 +41,9 @@ pub(super) struct Textures<'a> {
 }
 
 impl<'a> Textures<'a> {
-    pub(super) fn new(root: &'a Root, buffers: &'a Buffers<'a>, directory: &'a Path) -> Self {
+    pub(super) fn new(root: &'a Root, buffers: &'a Buffers<'a>, files: &'a Files<'a>) -> Self {
         let (images, index) = (HashMap::new(), HashMap::new());
-        Self { root, buffers, directory, images, index, loaded: Vec::new() }
+        Self { root, buffers, files, images, index, loaded: Vec::new() }
     }
 
     /// What a material's `info` means.
@@ -126,7 +126,7 @@ impl<'a> Textures<'a> {
         let image = self.root.images.get(index.value());
         let image = image.context("a texture has no PNG or JPEG image")?;
         match (&image.uri, image.buffer_view) {
-            (Some(uri), _) => buffer::resolve(uri, self.directory),
+            (Some(uri), _) => buffer::resolve(uri, self.files),
             (None, Some(view)) => self.buffers.view(view).map(<[u8]>::to_vec),
             (None, None) => anyhow::bail!("it has neither a URI nor a buffer view"),
         }
@@ -309,6 +309,7 @@ mod tests {
     use super::super::super::texture;
     use super::*;
     use serde_json::json;
+    use std::path::Path;
 
     fn convert(material: Value) -> (anyhow::Result<(Material, Vec<Texture>)>, Vec<String>) {
         let red = super::super::tests::data_uri(&texture::tests::png(&[[255, 0, 0]]));
@@ -320,8 +321,9 @@ mod tests {
             "materials": [material]
         }))
         .expect("glTF JSON");
-        let buffers = Buffers::load(&root, None, Path::new("")).expect("no buffers");
-        let mut textures = Textures::new(&root, &buffers, Path::new("dir"));
+        let files = Files::beside(Path::new("dir"));
+        let buffers = Buffers::load(&root, None, &files).expect("no buffers");
+        let mut textures = Textures::new(&root, &buffers, &files);
         let mut warnings = Warnings::default();
         let result = read(&root.materials[0], "material 0", &mut textures, &mut warnings);
         (result.map(|material| (material, textures.loaded)), warnings.into_lines())

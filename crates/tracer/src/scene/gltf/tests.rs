@@ -97,7 +97,7 @@ fn rich() -> Value {
 fn glb(mut value: Value) -> Vec<u8> {
     let uri = value["buffers"][0]["uri"].take();
     let uri = uri.as_str().expect("a data URI");
-    let bin = buffer::resolve(uri, Path::new("")).expect("valid base64");
+    let bin = buffer::resolve(uri, &Files::beside(Path::new(""))).expect("valid base64");
     let first = value["buffers"][0].as_object_mut().expect("an object");
     first.remove("uri");
     let header = Header { magic: *b"glTF", version: 2, length: 0 };
@@ -121,8 +121,9 @@ fn a_strip_has_its_attributes() {
 #[test]
 fn a_rich_scene_has_all_its_parts() {
     for bytes in [rich().to_string().into_bytes(), glb(rich())] {
-        let Loaded { scene, warnings } = read(&bytes, Path::new("nowhere")).expect("valid");
+        let Loaded { scene, warnings, files } = read(&bytes, Path::new("nowhere")).expect("valid");
         assert!(warnings.is_empty(), "{warnings:?}");
+        assert!(files.is_empty(), "all is in it: {files:?}");
         let mesh = &scene.meshes[0];
         assert!(mesh.receiver, "marked so");
         assert_eq!(mesh.positions[3], DVec3::new(2.0, 3.0, 5.0));

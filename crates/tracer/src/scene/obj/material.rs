@@ -2,13 +2,13 @@
 
 use super::lines;
 use crate::scene::extras::MAX_PHONG_EXPONENT;
+use crate::scene::files::Files;
 use crate::scene::load::{Warnings, conserve};
 use crate::scene::{Encoding, Map, Material, Texture};
 use anyhow::{Context as _, ensure};
 use glam::Vec3;
 use std::cell::Cell;
 use std::collections::HashMap;
-use std::path::Path;
 
 /// The materials of an OBJ, in the order tobj numbers them.
 #[derive(Debug, Default)]
@@ -28,17 +28,18 @@ impl Library {
     /// If an MTL is malformed or a texture cannot be read.
     pub(super) fn load(
         obj: &str,
-        directory: &Path,
+        files: &Files<'_>,
         warnings: &mut Warnings,
     ) -> anyhow::Result<Self> {
         let mut library = Self::default();
         let mut textures = HashMap::new();
-        let mut files: Vec<&str> =
+        let mut names: Vec<&str> =
             obj.lines().filter_map(|l| l.trim().strip_prefix("mtllib ")).collect();
-        files.dedup();
-        for name in files {
-            let path = directory.join(name.trim().replace('\\', "/"));
-            let Ok(bytes) = std::fs::read(&path) else {
+        names.dedup();
+        for name in names {
+            let name = name.trim().replace('\\', "/");
+            let path = files.path(&name);
+            let Ok(bytes) = files.read(&name) else {
                 warnings.ignored("material files that cannot be read", &path.display().to_string());
                 continue;
             };
@@ -53,8 +54,8 @@ impl Library {
                     if let Some(&index) = textures.get(&name) {
                         return Ok(index);
                     }
-                    let path = directory.join(&name);
-                    let texture = std::fs::read(&path).map_err(anyhow::Error::from);
+                    let path = files.path(&name);
+                    let texture = files.read(&name).map_err(anyhow::Error::from);
                     let texture = texture.and_then(|bytes| Texture::decode(&bytes, Encoding::Srgb));
                     let texture = texture.with_context(|| format!("reading {}", path.display()))?;
                     library.textures.push(texture);
