@@ -89,23 +89,6 @@ impl Whitted<'_> {
         self.accel.closest(beam.origin, beam.direction, from, f64::INFINITY)
     }
 
-    /// Radiance that leaves the surface at `hit` back along the beam, but for what mirrors
-    /// and glass send on.
-    fn direct(
-        &self,
-        surface: &Surface<'_>,
-        hit: &Hit,
-        beam: &Beam,
-        depth: u32,
-        sample: &mut Sample,
-        room: &mut Room,
-    ) -> Vec3 {
-        if surface.material.unlit {
-            return surface.emission;
-        }
-        self.emitted(surface, hit) + self.local(surface, hit, beam, depth, sample, room)
-    }
-
     /// Radiance that the surface itself sends to the eye, from its front only.
     fn emitted(&self, surface: &Surface<'_>, hit: &Hit) -> Vec3 {
         let material = surface.material;
@@ -179,9 +162,6 @@ impl Whitted<'_> {
     /// the radiance that they find goes back along the beam.
     fn secondary(&self, surface: &Surface<'_>, beam: &Beam, mut follow: impl FnMut(Beam, Vec3)) {
         let material = surface.material;
-        if material.unlit {
-            return;
-        }
         let clear = material.transmission.clamp(0.0, 1.0);
         let about = mirror_normal(surface, beam.direction);
         let mirrored =

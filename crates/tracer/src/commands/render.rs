@@ -2,13 +2,13 @@
 
 use super::count;
 use super::stdout::say;
-use super::view::{Meter, Stage, crop, named};
+use super::view::{Meter, Picture, Stage, crop, named};
 use crate::cli;
 use crate::film::Format;
 use crate::reference::{Estimate, Target};
-use crate::scene::Scene;
+use crate::scene::{Camera, Scene};
 use anyhow::{Context as _, bail, ensure};
-use serde_json::json;
+use serde_json::{Value, json};
 
 /// Renders and prints what it took.
 pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
@@ -36,12 +36,8 @@ pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
     picture.save(&args.output, stage.display())?;
     let output = args.output.display();
     if args.view.json {
-        let mut fields = meter.fields();
-        fields["output"] = json!(output.to_string());
-        fields["camera"] = json!(camera.name);
-        fields["size"] = json!([width, height]);
+        let mut fields = told(args, &meter, camera, &picture, (width, height));
         fields["patches"] = json!(stage.patches());
-        fields["samples"] = json!(picture.stats.samples);
         say(fields)?;
         return Ok(());
     }
@@ -54,6 +50,22 @@ pub(crate) fn run(args: &cli::Render) -> anyhow::Result<()> {
         meter.seconds()
     ))?;
     Ok(())
+}
+
+/// What `--json` tells of any picture.
+fn told(
+    args: &cli::Render,
+    meter: &Meter,
+    camera: &Camera,
+    picture: &Picture,
+    size: (usize, usize),
+) -> Value {
+    let mut fields = meter.fields();
+    fields["output"] = json!(args.output.display().to_string());
+    fields["camera"] = json!(camera.name);
+    fields["size"] = json!(size);
+    fields["samples"] = json!(picture.stats.samples);
+    fields
 }
 
 /// Whether the camera and the crop are there.
@@ -86,11 +98,7 @@ fn run_reference(args: &cli::Render, format: Format) -> anyhow::Result<()> {
     picture.save(&args.output, stage.display())?;
     let output = args.output.display();
     if args.view.json {
-        let mut fields = meter.fields();
-        fields["output"] = json!(output.to_string());
-        fields["camera"] = json!(camera.name);
-        fields["size"] = json!([width, height]);
-        fields["samples"] = json!(picture.stats.samples);
+        let mut fields = told(args, &meter, camera, &picture, (width, height));
         fields["points"] = json!(estimate.points);
         fields["error"] = json!(estimate.relative());
         fields["error_of_points"] = json!(estimate.emitters);

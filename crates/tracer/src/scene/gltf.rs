@@ -31,20 +31,12 @@ use nodes::{Hierarchy, label, rigid};
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::path::Path;
 
-/// Reads the glTF file at `path` and the files it names.
+/// Reads a `.gltf` or `.glb` whose files are relative to `directory`.
 ///
 /// # Errors
 ///
 /// If a file is missing, malformed, or requires what is not supported.
-pub(super) fn load(path: &Path) -> anyhow::Result<Loaded> {
-    let bytes = std::fs::read(path)?;
-    let mut loaded = read(&bytes, path.parent().unwrap_or(Path::new("")))?;
-    loaded.files.insert(0, path.to_owned());
-    Ok(loaded)
-}
-
-/// Reads a `.gltf` or `.glb` whose files are relative to `directory`.
-fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
+pub(super) fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
     let mut warnings = Warnings::default();
     let (root, chunk) = document::parse(bytes, &mut warnings)?;
     let files = Files::beside(directory);

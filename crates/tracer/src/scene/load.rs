@@ -27,15 +27,17 @@ pub(crate) struct Loaded {
 pub(crate) fn load(path: &Path) -> anyhow::Result<Loaded> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
     let read = match extension.to_ascii_lowercase().as_str() {
-        "gltf" | "glb" => super::gltf::load,
-        "obj" => super::obj::load,
+        "gltf" | "glb" => super::gltf::read,
+        "obj" => super::obj::read,
         _ => anyhow::bail!(
             "{}: not a scene this program reads: export it as .gltf, .glb or .obj",
             path.display()
         ),
     };
-    let mut loaded = read(path).with_context(|| format!("reading {}", path.display()))?;
     let directory = path.parent().unwrap_or(Path::new(""));
+    let loaded = std::fs::read(path).map_err(Into::into).and_then(|bytes| read(&bytes, directory));
+    let mut loaded = loaded.with_context(|| format!("reading {}", path.display()))?;
+    loaded.files.insert(0, path.to_owned());
     for material in &mut loaded.scene.materials {
         let Some(file) = material.glazing_file.take() else { continue };
         let glazing = directory.join(&file);

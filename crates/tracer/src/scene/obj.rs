@@ -16,20 +16,12 @@ use anyhow::{Context as _, ensure};
 use glam::{DVec3, Vec2, Vec3, Vec4};
 use std::path::Path;
 
-/// Reads the OBJ file at `path` and the files it names.
+/// Reads an OBJ whose files are relative to `directory`.
 ///
 /// # Errors
 ///
-/// If it or a texture is missing, or a file is malformed.
-pub(super) fn load(path: &Path) -> anyhow::Result<Loaded> {
-    let bytes = std::fs::read(path)?;
-    let mut loaded = read(&bytes, path.parent().unwrap_or(Path::new("")))?;
-    loaded.files.insert(0, path.to_owned());
-    Ok(loaded)
-}
-
-/// Reads an OBJ whose files are relative to `directory`.
-fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
+/// If a texture is missing, or a file is malformed.
+pub(super) fn read(bytes: &[u8], directory: &Path) -> anyhow::Result<Loaded> {
     let mut warnings = Warnings::default();
     let text = lines::joined(bytes);
     lines::check(&text)?;

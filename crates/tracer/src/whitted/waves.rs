@@ -18,7 +18,7 @@ pub(super) struct Waiting {
     /// Which tree it is of.
     tree: usize,
     /// Mirror and glass surfaces on its way so far.
-    pub(super) depth: u32,
+    depth: u32,
     /// What arrives at the eye of the radiance that it finds.
     arriving: Vec3,
     /// The most of that, over channels, and of surfaces with alpha that were passed.
@@ -106,11 +106,16 @@ impl Whitted<'_> {
         let beam = &ray.beam;
         let footprint = beam.footprint(hit.position, hit.normal);
         let surface = Surface::over(self.scene, &hit, -beam.direction, footprint);
-        let radiance = self.direct(&surface, &hit, beam, ray.depth, sample, room);
+        let radiance = if surface.material.unlit {
+            surface.emission
+        } else {
+            self.secondary(&surface, beam, |turned, weight| {
+                next.extend(self.follow(&surface, &ray, hit.opacity, turned, weight));
+            });
+            let local = self.local(&surface, &hit, beam, ray.depth, sample, room);
+            self.emitted(&surface, &hit) + local
+        };
         sample.radiance += hit.opacity * ray.arriving * radiance;
-        self.secondary(&surface, beam, |turned, weight| {
-            next.extend(self.follow(&surface, &ray, hit.opacity, turned, weight));
-        });
         // What is behind it.
         let clear = 1.0 - hit.opacity;
         ray.layers += 1;

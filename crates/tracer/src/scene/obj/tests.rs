@@ -9,14 +9,13 @@ fn scene(obj: &str) -> Loaded {
     read(obj.as_bytes(), Path::new("nowhere")).expect("a valid OBJ")
 }
 
-/// A directory with the MTL, a red texture and an OBJ that uses material `m`.
+/// An OBJ that uses material `m` of the MTL, beside that and a red texture.
 fn with_material(mtl: &str) -> anyhow::Result<Loaded> {
     let directory = tempfile::tempdir()?;
     std::fs::write(directory.path().join("a file.mtl"), format!("newmtl m\n{mtl}\n"))?;
     std::fs::write(directory.path().join("red tile.png"), png(&[[255, 0, 0]]))?;
-    let path = directory.path().join("x.obj");
-    std::fs::write(&path, format!("mtllib a file.mtl\nusemtl m\n{TRIANGLE}"))?;
-    load(&path)
+    let obj = format!("mtllib a file.mtl\nusemtl m\n{TRIANGLE}");
+    read(obj.as_bytes(), directory.path())
 }
 
 fn material(mtl: &str) -> Material {
