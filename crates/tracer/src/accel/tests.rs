@@ -331,6 +331,25 @@ fn empty_and_degenerate_scenes_are_empty_space() {
     assert!(!accel.occluded(DVec3::ZERO, DVec3::ONE), "by what?");
 }
 
+/// Of a single triangle, most of a node is missing children: no ray may go there, from however
+/// far it comes.
+#[test]
+fn rays_from_beyond_all_numbers_end() {
+    let corners = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
+    let accel = Accel::new(&scene_of(corners, vec![[0, 1, 2]]));
+    // Evenly, so that rounding moves all axes alike and the ray is not told to pass the scene.
+    for far in [1e9, 1e30, 1e56, 1e60, 1e100, 3e150] {
+        let origin = DVec3::splat(far);
+        let direction = DVec3::NEG_ONE.normalize();
+        let hit = accel.closest(origin, direction, 0.0, f64::INFINITY);
+        let mut found = Vec::new();
+        accel.find_each(&[Ray { origin, direction, from: 0.0 }], &mut found);
+        assert_eq!(found[0].map(|found| accel.hit(&found, direction)), hit, "{far}");
+        accel.find_of(origin, &[direction; 8], &mut found);
+        assert_eq!(found[7].map(|found| accel.hit(&found, direction)), hit, "{far}");
+    }
+}
+
 /// Wider registers do not change what is hit, nor where.
 #[test]
 #[cfg(target_arch = "x86_64")]

@@ -95,7 +95,9 @@ impl SlabRay {
         // A component below 10⁻¹⁸ moves no point of the scaled scene by as much
         // as rounding does, and its inverse keeps all products finite.
         let inverse = inverse.clamp(DVec3::splat(-1e18), DVec3::splat(1e18));
-        Self { inverse: inverse.as_vec3a(), offset: (origin * inverse).as_vec3a(), reach }
+        // Finite, for the boxes of missing children to stay at infinity.
+        let offset = (origin * inverse).clamp(DVec3::splat(-1e37), DVec3::splat(1e37));
+        Self { inverse: inverse.as_vec3a(), offset: offset.as_vec3a(), reach }
     }
 }
 
